@@ -1,0 +1,73 @@
+"""Topological signal processing on what a stereo camera sees.
+
+The walk from a pair of images to a response::
+
+    pair     = tspslam.datasets.motorcycle()
+    cloud    = tspslam.reconstruct(pair)
+    surface  = tspslam.delaunay_surface(cloud)
+    complex_ = tspslam.build_complex(surface.faces, len(cloud.xyz))
+    signals  = tspslam.sample_signals(pair.left, cloud.uv, complex_)
+    response = tspslam.tmahf(complex_, cloud.uv, signals, order=1, centering="harmonic")
+
+Names are loaded when they are first used, so importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from . import datasets as datasets
+    from . import io as io
+    from . import view as view
+    from .errors import GeometryError as GeometryError
+    from .errors import InputError as InputError
+    from .errors import OutputError as OutputError
+    from .errors import TspSlamError as TspSlamError
+    from .session import Session as Session
+    from .session import Settings as Settings
+    from .topology.complex import Complex as Complex
+    from .topology.complex import build_complex as build_complex
+    from .topology.harmonic import tmahf as tmahf
+    from .topology.surface import delaunay_surface as delaunay_surface
+    from .topology.texture import sample_signals as sample_signals
+    from .types import Cloud as Cloud
+    from .types import Features as Features
+    from .types import Response as Response
+    from .types import Rig as Rig
+    from .types import Signals as Signals
+    from .types import StereoPair as StereoPair
+    from .types import Surface as Surface
+    from .vision.reconstruct import reconstruct as reconstruct
+    from .vision.rig import load_rig as load_rig
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "errors": ("GeometryError", "InputError", "OutputError", "TspSlamError"),
+    "types": ("Cloud", "Features", "Response", "Rig", "Signals", "StereoPair", "Surface"),
+    "vision.reconstruct": ("reconstruct",),
+    "vision.rig": ("load_rig",),
+    "topology.surface": ("delaunay_surface",),
+    "topology.complex": ("Complex", "build_complex"),
+    "topology.texture": ("sample_signals",),
+    "topology.harmonic": ("tmahf",),
+    "session": ("Session", "Settings"),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+_ROOMS = ("datasets", "io", "view")
+
+__all__ = sorted((*_HOME, *_ROOMS))
+
+
+def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return importlib.import_module(f".{name}", __name__)
+    if name in _HOME:
+        return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -1,0 +1,48 @@
+"""How kernels are compiled: cached on disk where that is possible, without the GIL, NumPy's rules for errors."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_log = logging.getLogger("tspslam")
+_said: set[str] = set()
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile `function` with numba, for one core; same input, same bytes."""
+    return _compile(function, fastmath=False)
+
+
+def reassociated_kernel(function: Callable[..., Any]) -> Any:
+    """Compile like `kernel`, but let sums be reordered so that they fit vector registers (no other liberty)."""
+    return _compile(function, fastmath={"reassoc", "contract"})
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a helper that only other kernels call."""
+    return numba.njit(inline="never", nogil=True, error_model="numpy")(function)
+
+
+def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:
+        if not _said:
+            _log.warning("kernels are compiled anew in each process: numba found no folder that it can write")
+            _said.add("no cache")
+        return numba.njit(**options)(function)
+
+
+def kernels_are_cached(module_file: str) -> bool:
+    """Whether an earlier process left compiled kernels of `module_file` on disk."""
+    stem = Path(module_file).stem
+    configured = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(configured) if configured else Path(module_file).parent / "__pycache__"
+    return next(folder.rglob(f"{stem}.*.nbi"), None) is not None

@@ -1,0 +1,1 @@
+"""Points and an image to a complex, signals on its vertices, edges and faces, and their harmonic response."""

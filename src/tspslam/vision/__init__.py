@@ -1,0 +1,1 @@
+"""Images to points: calibration, features, matching, triangulation."""
