@@ -25,8 +25,8 @@ def reassociated_kernel(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a helper that only other kernels call."""
-    return numba.njit(inline="never", nogil=True, error_model="numpy")(function)
+    """Make `function` part of each kernel that calls it: calls with many array arguments cost more than their work."""
+    return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
 
 
 def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:

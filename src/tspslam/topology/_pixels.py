@@ -1,0 +1,216 @@
+"""Compiled kernels of the texture signals: bilinear samples, Bresenham lines, triangles by row prefix sums."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._jit import inlined, kernel
+
+SUBPIXEL = 256  # corners of triangles are rounded to 1/256 px, so that "inside" is decided in integers
+
+
+@kernel
+def weigh_channels(image, weights, out):  # type: ignore[no-untyped-def]
+    """``out[v, u] = Σ_c weights[c] · image[v, u, c]``, in float64."""
+    for v in range(image.shape[0]):
+        for u in range(image.shape[1]):
+            total = 0.0
+            for c in range(weights.shape[0]):
+                total += weights[c] * image[v, u, c]
+            out[v, u] = total
+
+
+@kernel
+def prefix_sums(image, table):  # type: ignore[no-untyped-def]
+    """``table[v, u + 1]`` = sum of ``image[v, :u + 1]``."""
+    for v in range(image.shape[0]):
+        total = table[v, 0]
+        for u in range(image.shape[1]):
+            total += image[v, u]
+            table[v, u + 1] = total
+
+
+@inlined
+def _bilinear(image, u, v):  # type: ignore[no-untyped-def]
+    height, width = image.shape
+    u0 = min(int(u), max(width - 2, 0))
+    v0 = min(int(v), max(height - 2, 0))
+    u1, v1 = min(u0 + 1, width - 1), min(v0 + 1, height - 1)
+    a, b = u - u0, v - v0
+    top = (1.0 - a) * image[v0, u0] + a * image[v0, u1]
+    bottom = (1.0 - a) * image[v1, u0] + a * image[v1, u1]
+    return (1.0 - b) * top + b * bottom
+
+
+@kernel
+def sample_vertices(image, unit, uv, value, ok):  # type: ignore[no-untyped-def]
+    """Bilinear samples at `uv`; a vertex outside the image (or NaN) has no signal."""
+    height, width = image.shape
+    for i in range(uv.shape[0]):
+        u, v = uv[i, 0], uv[i, 1]
+        ok[i] = 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1
+        if ok[i]:
+            value[i] = _bilinear(image, u, v) * unit
+
+
+@inlined
+def _trace(image, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
+    """Sum of the image, of u and of v over the integer Bresenham line from (u0, v0) to (u1, v1), both included."""
+    du, dv = abs(u1 - u0), abs(v1 - v0)
+    su = 1 if u1 > u0 else -1
+    sv = 1 if v1 > v0 else -1
+    total = 0.0
+    sum_u, sum_v = 0, 0
+    u, v = u0, v0
+    if dv > du:
+        decision = 2 * du - dv
+        for _ in range(dv + 1):
+            total += image[v, u]
+            sum_u += u
+            if decision >= 0:
+                u += su
+                decision -= 2 * dv
+            decision += 2 * du
+            v += sv
+        sum_v = (v0 + v1) * (dv + 1) // 2
+    else:
+        decision = 2 * dv - du
+        for _ in range(du + 1):
+            total += image[v, u]
+            sum_v += v
+            if decision >= 0:
+                v += sv
+                decision -= 2 * du
+            decision += 2 * dv
+            u += su
+        sum_u = (u0 + u1) * (du + 1) // 2
+    return total, sum_u, sum_v
+
+
+@kernel
+def sample_edges(image, unit, uv, vertex_ok, edges, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Mean and barycentre of each edge's pixel line; a one-pixel line: bilinear sample at the midpoint."""
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        ok[e] = vertex_ok[i] and vertex_ok[j]
+        if not ok[e]:
+            continue
+        u0, v0 = int(uv[i, 0] + 0.5), int(uv[i, 1] + 0.5)
+        u1, v1 = int(uv[j, 0] + 0.5), int(uv[j, 1] + 0.5)
+        if u0 == u1 and v0 == v1:
+            u, v = 0.5 * (uv[i, 0] + uv[j, 0]), 0.5 * (uv[i, 1] + uv[j, 1])
+            value[e] = _bilinear(image, u, v) * unit
+            edge_uv[e, 0], edge_uv[e, 1] = u, v
+            pixels[e] = 1
+            continue
+        if v1 < v0 or (v1 == v0 and u1 < u0):
+            u0, v0, u1, v1 = u1, v1, u0, v0
+        total, sum_u, sum_v = _trace(image, u0, v0, u1, v1)
+        count = max(abs(u1 - u0), v1 - v0) + 1
+        value[e] = total * unit / count
+        edge_uv[e, 0], edge_uv[e, 1] = sum_u / count, sum_v / count
+        pixels[e] = count
+
+
+@inlined
+def _floor_divide(number, divisor, inverse):  # type: ignore[no-untyped-def]
+    """``floor(number / divisor)`` for divisor > 0, exact: a floating estimate, put right by its remainder."""
+    quotient = int(np.floor(number * inverse))
+    rest = number - quotient * divisor
+    if rest < 0:
+        quotient -= 1
+    elif rest >= divisor:
+        quotient += 1
+    return quotient
+
+
+@inlined
+def _crossing(x0, y0, x1, y1):  # type: ignore[no-untyped-def]
+    """Line through two corners as ``u(row) = (start + row·step) / divisor`` px, all integers; y0 <= y1."""
+    divisor = max(y1 - y0, 1)
+    step = (x1 - x0) * SUBPIXEL
+    start = x0 * divisor - (x1 - x0) * y0
+    divisor *= SUBPIXEL
+    return start, step, divisor, 1.0 / divisor
+
+
+@inlined
+def _sum_rows(table, low, high, left, right):  # type: ignore[no-untyped-def]
+    """Sums over the pixels of rows low..high between two lines: of the image, u, v and 1."""
+    total = 0.0
+    sum_u, sum_v, count = 0, 0, 0
+    for row in range(low, high + 1):
+        first = -_floor_divide(-(left[0] + row * left[1]), left[2], left[3])
+        last = _floor_divide(right[0] + row * right[1], right[2], right[3])
+        if last >= first:
+            total += table[row, last + 1] - table[row, first]
+            length = last - first + 1
+            sum_u += (first + last) * length
+            sum_v += row * length
+            count += length
+    return total, sum_u, sum_v, count
+
+
+@inlined
+def _scan_flat(table, x0, x1, x2, y):  # type: ignore[no-untyped-def]
+    """The triangle whose corners share one height: a piece of a row, or nothing."""
+    low, high = min(x0, x1, x2), max(x0, x1, x2)
+    row = y // SUBPIXEL
+    first, last = -(-low // SUBPIXEL), high // SUBPIXEL
+    if row * SUBPIXEL != y or last < first:
+        return 0.0, 0, 0, 0
+    length = last - first + 1
+    return table[row, last + 1] - table[row, first] + 0.0, (first + last) * length, row * length, length
+
+
+@inlined
+def _scan(table, x0, y0, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
+    """Sums over the pixel centres in the closed triangle: of the image, 2u, v and 1."""
+    if y0 > y1:
+        x0, y0, x1, y1 = x1, y1, x0, y0
+    if y1 > y2:
+        x1, y1, x2, y2 = x2, y2, x1, y1
+    if y0 > y1:
+        x0, y0, x1, y1 = x1, y1, x0, y0
+    if y0 == y2:
+        return _scan_flat(table, x0, x1, x2, y0)
+    long = _crossing(x0, y0, x2, y2)
+    upper = _crossing(x0, y0, x1, y1)
+    lower = _crossing(x1, y1, x2, y2)
+    top, bottom = -(-y0 // SUBPIXEL), y2 // SUBPIXEL
+    middle = y1 // SUBPIXEL if y1 > y0 else top - 1  # the last row that meets `upper`
+    middle_on_left = (x1 - x0) * (y2 - y0) < (x2 - x0) * (y1 - y0)
+    if middle_on_left:
+        a = _sum_rows(table, top, middle, upper, long)
+        b = _sum_rows(table, middle + 1, bottom, lower, long)
+    else:
+        a = _sum_rows(table, top, middle, long, upper)
+        b = _sum_rows(table, middle + 1, bottom, long, lower)
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+@inlined
+def _grid(x):  # type: ignore[no-untyped-def]
+    return int(np.floor(x * SUBPIXEL + 0.5))
+
+
+@kernel
+def sample_faces(image, table, unit, uv, vertex_ok, faces, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Mean and barycentre of each closed triangle's pixels; none inside: bilinear sample at the centroid."""
+    for f in range(faces.shape[0]):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        ok[f] = vertex_ok[i] and vertex_ok[j] and vertex_ok[k]
+        if not ok[f]:
+            continue
+        total, sum_2u, sum_v, count = _scan(
+            table, _grid(uv[i, 0]), _grid(uv[i, 1]), _grid(uv[j, 0]), _grid(uv[j, 1]), _grid(uv[k, 0]), _grid(uv[k, 1])
+        )
+        pixels[f] = count
+        if count > 0:
+            value[f] = total * unit / count
+            face_uv[f, 0], face_uv[f, 1] = 0.5 * sum_2u / count, sum_v / count
+        else:
+            u = (uv[i, 0] + uv[j, 0] + uv[k, 0]) / 3.0
+            v = (uv[i, 1] + uv[j, 1] + uv[k, 1]) / 3.0
+            value[f] = _bilinear(image, u, v) * unit
+            face_uv[f, 0], face_uv[f, 1] = u, v

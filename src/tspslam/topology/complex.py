@@ -1,0 +1,253 @@
+"""The simplicial complex: edges, incidence matrices, Hodge Laplacians and unsigned neighbourhoods (SPEC: eqs (14)-(16))."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..types import IntArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Index = NDArray[np.int32]
+
+
+class Rows(NamedTuple):
+    """A CSR pattern: row i holds ``indices[indptr[i]:indptr[i + 1]]``, each once (both int32)."""
+
+    indptr: Index
+    indices: Index
+
+
+class Neighbours(NamedTuple):
+    """The unsigned neighbourhoods of every vertex, as sparse (N, N), (N, E), (N, F) matrices of ones.
+
+    ``vertex``: η_p, vertices that share an edge, without the vertex itself; ``edge``: η_e, all the edges of the
+    faces that contain it, the opposite ones too; ``face``: η_f, those faces.
+    """
+
+    vertex: csr_array
+    edge: csr_array
+    face: csr_array
+
+
+@dataclass(frozen=True)
+class Complex:
+    """A simplicial complex of vertices, edges and triangles. Build it with `build_complex`.
+
+    Attributes
+    ----------
+    n : int
+        Number of vertices.
+    edges : (E, 2) int32
+        Vertex pairs i < j, in lexicographic order.
+    faces : (F, 3) int32
+        Vertex triples i < j < k, in the input's order.
+    face_edges : (F, 3) int32
+        The edges (i, j), (j, k), (i, k) of each face; ``B2`` has +1, +1, -1 there.
+
+    Examples
+    --------
+    >>> disc = build_complex([[0, 1, 2], [0, 2, 3]], 4)
+    >>> disc.edges.tolist()
+    [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    >>> disc.euler
+    1
+    """
+
+    n: int
+    edges: Index
+    faces: Index
+    face_edges: Index
+
+    @property
+    def euler(self) -> int:
+        """Euler characteristic N - E + F."""
+        return self.n - len(self.edges) + len(self.faces)
+
+    @cached_property
+    def B1(self) -> csr_array:
+        """Vertex-to-edge incidence matrix, (N, E) int8: -1 at i, +1 at j of an edge i < j."""
+        return _incidence(self.edges, np.array([-1, 1], np.int8), self.n)
+
+    @cached_property
+    def B2(self) -> csr_array:
+        """Edge-to-face incidence matrix, (E, F) int8: +1 on (i, j), +1 on (j, k), -1 on (i, k)."""
+        return _incidence(self.face_edges, np.array([1, 1, -1], np.int8), len(self.edges))
+
+    @cached_property
+    def L0(self) -> csr_array:
+        """Vertex Laplacian ``B1 B1ᵀ``, (N, N) float64, symmetric positive semidefinite."""
+        B1 = self.B1.astype(np.float64)
+        return B1 @ B1.T.tocsr()
+
+    @cached_property
+    def L1(self) -> csr_array:
+        """Hodge Laplacian of oriented edge signals, ``B1ᵀ B1 + B2 B2ᵀ``, (E, E) float64."""
+        B1, B2 = self.B1.astype(np.float64), self.B2.astype(np.float64)
+        return B1.T.tocsr() @ B1 + B2 @ B2.T.tocsr()
+
+    @cached_property
+    def L2(self) -> csr_array:
+        """Laplacian of oriented face signals, ``B2ᵀ B2``, (F, F) float64."""
+        B2 = self.B2.astype(np.float64)
+        return B2.T.tocsr() @ B2
+
+    @cached_property
+    def vertex_rows(self) -> Rows:
+        """η_p as a CSR pattern."""
+        from . import _kernels
+
+        return Rows(*_kernels.vertex_neighbours(self.n, self.edges))
+
+    @cached_property
+    def face_rows(self) -> Rows:
+        """η_f as a CSR pattern."""
+        from . import _kernels
+
+        return Rows(*_kernels.face_neighbours(self.n, self.faces))
+
+    @cached_property
+    def edge_rows(self) -> Rows:
+        """η_e as a CSR pattern."""
+        from . import _kernels
+
+        return Rows(*_kernels.edge_neighbours(self.n, self.edges, self.faces, self.face_edges))
+
+    @cached_property
+    def stars(self) -> Rows:
+        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+        from . import _kernels
+
+        first = (0, self.n, self.n + len(self.edges))
+        return Rows(*_kernels.join_rows(self.vertex_rows, self.edge_rows, self.face_rows, first))
+
+    def neighbours(self) -> Neighbours:
+        """Unsigned one-ring neighbourhoods of eqs (14)-(16).
+
+        Returns
+        -------
+        Neighbours
+            ``(vertex, edge, face)``, three sparse matrices of ones (int8).
+
+        Examples
+        --------
+        >>> disc = build_complex([[0, 1, 2], [0, 2, 3]], 4)
+        >>> disc.neighbours().edge.toarray()[1]
+        array([1, 1, 0, 1, 0], dtype=int8)
+        """
+        return Neighbours(
+            _pattern(self.vertex_rows, self.n),
+            _pattern(self.edge_rows, len(self.edges)),
+            _pattern(self.face_rows, len(self.faces)),
+        )
+
+
+def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> Complex:
+    """Build a simplicial complex from triangles and, if given, edges that stand without a face.
+
+    Parameters
+    ----------
+    faces : (F, 3) integers
+        Vertex triples in any order; repeated faces merge.
+    n : int
+        Number of vertices.
+    edges : (M, 2) integers, optional
+        Further edges, in any order; those that a face has already merge with it.
+
+    Returns
+    -------
+    Complex
+        With B1 B2 = 0.
+
+    Raises
+    ------
+    InputError
+        If a face or an edge repeats a vertex or leaves ``0..n-1``, or the arrays have another shape or type.
+
+    Examples
+    --------
+    The paper's Figure 2, counted from 0:
+
+    >>> toy = build_complex([[0, 2, 3], [0, 1, 2], [1, 2, 4]], 5)
+    >>> toy.n, len(toy.edges), len(toy.faces)
+    (5, 7, 3)
+    >>> abs(toy.B1 @ toy.B2).max()
+    np.int8(0)
+    """
+    from . import _kernels
+
+    if not 0 <= n < 2**31:
+        raise InputError(f"complex: n is {n}, expected 0 <= n < 2**31")
+    triples = _simplices(faces, 3, "face")
+    ascending = np.empty(triples.shape, np.int32)
+    _refuse(triples, _kernels.sort_faces(triples, n, ascending), n, "face")
+    extra = _pairs(edges, n)
+    start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
+    if _kernels.may_repeat_faces(ascending, start, ends, slots):
+        distinct = _first_of_each(ascending)
+        if len(distinct) < len(ascending):
+            ascending = distinct
+            start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
+    numbered = np.empty((len(ends), 2), np.int32)
+    face_edges = np.empty(ascending.shape, np.int32)
+    count = _kernels.number_edges(start, ends, slots, numbered, face_edges)
+    return Complex(int(n), numbered[:count].copy(), ascending, face_edges)
+
+
+def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
+    array: NDArray[Any] = np.asarray(values)
+    if array.size == 0:
+        return np.empty((0, size), np.int32)
+    if array.ndim != 2 or array.shape[1] != size:
+        raise InputError(f"complex: {what}s have shape {array.shape}, expected (count, {size})")
+    if array.dtype.kind not in "iu":
+        raise InputError(f"complex: {what}s are {array.dtype}, expected integers")
+    if array.dtype == np.int32:
+        return np.ascontiguousarray(array)
+    return np.ascontiguousarray(array.astype(np.int64))
+
+
+def _refuse(simplices: IntArray, bad: int, n: int, what: str) -> None:
+    if bad >= 0:
+        row = simplices[bad].tolist()
+        raise InputError(f"complex: {what} {bad} is {row}, expected distinct vertices in 0..{n - 1}")
+
+
+def _pairs(edges: ArrayLike | None, n: int) -> Index:
+    pairs = _simplices([] if edges is None else edges, 2, "edge")
+    low, high = pairs.min(axis=1), pairs.max(axis=1)
+    bad = np.flatnonzero((low < 0) | (high >= n) | (low == high))
+    _refuse(pairs, int(bad[0]) if len(bad) else -1, n, "edge")
+    return np.stack([low, high], axis=1).astype(np.int32)
+
+
+def _first_of_each(rows: Index) -> Index:
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    is_new = np.ones(len(rows), bool)
+    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    return rows[np.sort(order[is_new])]
+
+
+def _incidence(boundary: Index, signs: NDArray[np.int8], rows: int) -> csr_array:
+    """Sparse (rows, count): column c has `signs` at the rows ``boundary[c]``."""
+    from scipy.sparse import csc_array
+
+    count, size = boundary.shape
+    starts = np.arange(0, count * size + 1, size, dtype=np.int32)
+    columns = csc_array((np.tile(signs, count), boundary.ravel(), starts), shape=(rows, count))
+    return columns.tocsr()
+
+
+def _pattern(rows: Rows, columns: int) -> csr_array:
+    from scipy.sparse import csr_array
+
+    ones = np.ones(len(rows.indices), np.int8)
+    return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns))

@@ -1,0 +1,196 @@
+"""Topological harmonic filters: T-MAHF, eqs (12) and (19)-(22)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..types import FloatArray, Response, Signals
+from .complex import Complex
+
+Centering = Literal["none", "mean", "harmonic", "plane"]
+Weight = Callable[[int], float]
+_CENTERINGS = ("none", "mean", "harmonic", "plane")
+
+
+@dataclass(frozen=True)
+class Tmahf:
+    """The filter as a stage: T-MAHF of one order and centring over the one-ring.
+
+    Attributes
+    ----------
+    order : int
+        Angular order m >= 0.
+    centering : {"none", "mean", "harmonic", "plane"} or None
+        See `tmahf`; None takes its default for the order.
+
+    Examples
+    --------
+    >>> Tmahf(order=2).order
+    2
+    """
+
+    order: int = 1
+    centering: Centering | None = None
+
+    def __call__(self, complex_: Complex, uv: ArrayLike, signals: Signals) -> Response:
+        """Filter `signals`; see `tmahf`."""
+        return tmahf(complex_, uv, signals, order=self.order, centering=self.centering)
+
+
+def tmahf(
+    complex_: Complex,
+    uv: ArrayLike,
+    signals: Signals,
+    *,
+    order: int = 1,
+    centering: Centering | None = None,
+    weight: Weight | None = None,
+) -> Response:
+    r"""Topological multiscale anisotropic harmonic filter at every vertex, eqs (12), (19)-(22).
+
+    .. math:: r_i = \sum_{x \in \eta(i)} g(d(i, x)) \, e^{j m \psi(i, x)} \, s(x)
+
+    over the vertices, edges and faces around vertex i, where ψ is the image angle from i's projection to the
+    neighbour's projection or barycentre, and d the topological distance.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        N vertices.
+    uv : (N, 2) array
+        Projections of the vertices, px.
+    signals : Signals
+        Unsigned signals on every level, (n,) or (n, C). Marked elements are left out of every sum and fit.
+    order : int
+        Angular order m >= 0. For m = 0 the vertex itself counts too.
+    centering : {"none", "mean", "harmonic", "plane"}, optional
+        ``"none"``: the published sum; it also answers to how unevenly neighbours stand around the vertex.
+        ``"mean"``: minus the weighted mean over η(i); 0 on constants.
+        ``"harmonic"`` (default for m >= 1): weighted least squares of ``s ≈ c + a cos mψ + b sin mψ``, then
+        ``r = (a + jb) Σw/2``.
+        ``"plane"`` (m = 1): weighted least squares of ``s ≈ c + g·(x - p)``, ``r = g_u + j g_v``, luminance/px: the
+        exact phase on every linear ramp.
+        For m = 0 only ``"none"``.
+    weight : function of int, optional
+        g(d): non-increasing, within [0, 1], g(0) = 1. Default: the indicator of d <= 1, eq. (17). The cost is
+        proportional to the elements within the rings where g > 0.
+
+    Returns
+    -------
+    Response
+        (N,) or (N, C); 0 and not `defined` at vertices without a signal, without a neighbour that has one, or whose
+        neighbourhood is too poor for the fit (smallest eigenvalue of the normalised design below 1e-3).
+
+    Raises
+    ------
+    InputError
+        If order, centering or weight is not as described, or the arrays do not belong to the complex.
+
+    Examples
+    --------
+    A linear ramp along u has phase 0 and its slope as magnitude:
+
+    >>> from tspslam import build_complex, sample_signals
+    >>> ramp = np.tile(np.linspace(0, 1, 11), (11, 1))
+    >>> uv = np.array([[5, 5], [9, 5], [5, 9], [1, 5], [5, 1]], float)
+    >>> fan = build_complex([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], 5)
+    >>> response = tmahf(fan, uv, sample_signals(ramp, uv, fan), centering="plane")
+    >>> np.round(response.z[0], 9)
+    np.complex128(0.1+0j)
+    """
+    mode = _checked_mode(order, centering)
+    points = _checked_points(complex_, uv, signals)
+    rings = None if weight is None else _weights_by_distance(weight, complex_.n)
+    channels = range(_channel_count(signals))
+    filtered = [_filter(complex_, _pack(points, signals, c), order, mode, rings) for c in channels]
+    z = np.stack([z for z, _ in filtered], axis=-1) if filtered else np.zeros((complex_.n, 0), complex)
+    defined = filtered[0][1] if filtered else np.zeros(complex_.n, bool)
+    return Response(z[:, 0] if signals.vertex.ndim == 1 else z, order, defined)
+
+
+def _filter(
+    complex_: Complex, elements: FloatArray, order: int, mode: int, rings: FloatArray | None
+) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    from . import _harmonics
+
+    z, defined = np.zeros(complex_.n, np.complex128), np.zeros(complex_.n, bool)
+    if rings is None:
+        start, rows = complex_.stars
+        _harmonics.filter_one_ring(start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
+    else:
+        near = (complex_.vertex_rows, complex_.face_rows, complex_.face_edges)
+        _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)
+    return z, defined
+
+
+def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
+    """One row (u, v, signal, weight) an element: vertices, then edges, then faces; a neighbour is one cache line."""
+    from . import _harmonics
+
+    levels = (
+        ("vertex", uv, signals.vertex, signals.vertex_ok),
+        ("edge", signals.edge_uv, signals.edge, signals.edge_ok),
+        ("face", signals.face_uv, signals.face, signals.face_ok),
+    )
+    elements = np.empty((sum(len(level[-1]) for level in levels), 4))
+    first = 0
+    for level, places, values, ok in levels:
+        one = values if values.ndim == 1 else values[:, channel]
+        bad = _harmonics.pack(first, _plain(places), _plain(one), ok, elements)
+        if bad >= 0:
+            raise InputError(f"tmahf: {level} {bad} has a signal, but its value or position is not finite")
+        first += len(ok)
+    return elements
+
+
+def _plain(values: NDArray[Any]) -> FloatArray:
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+def _channel_count(signals: Signals) -> int:
+    return 1 if signals.vertex.ndim == 1 else signals.vertex.shape[1]
+
+
+def _checked_mode(order: int, centering: str | None) -> int:
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 0:
+        raise InputError(f"tmahf: order is {order!r}, expected an integer >= 0")
+    chosen = centering if centering is not None else ("harmonic" if order else "none")
+    if chosen not in _CENTERINGS:
+        raise InputError(f"tmahf: centering is {chosen!r}, expected one of {', '.join(_CENTERINGS)}")
+    if order == 0 and chosen != "none":
+        raise InputError(f"tmahf: centering is {chosen!r} with order 0, expected 'none'")
+    if chosen == "plane" and order != 1:
+        raise InputError(f"tmahf: centering 'plane' with order {order}, expected order 1")
+    return _CENTERINGS.index(chosen)
+
+
+def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> FloatArray:
+    points = np.ascontiguousarray(uv, dtype=np.float64)
+    if points.shape != (complex_.n, 2):
+        raise InputError(f"tmahf: uv has shape {points.shape}, expected ({complex_.n}, 2)")
+    sizes = (len(signals.vertex), len(signals.edge), len(signals.face))
+    expected = (complex_.n, len(complex_.edges), len(complex_.faces))
+    if sizes != expected:
+        raise InputError(f"tmahf: signals are on {sizes} vertices, edges, faces, expected {expected}")
+    return points
+
+
+def _weights_by_distance(weight: Weight, n: int) -> FloatArray:
+    """``g[0..D]``, D the last distance with a positive weight (or n, beyond which nothing is)."""
+    values: list[float] = []
+    for d in range(n + 1):
+        value = float(weight(d))
+        if d == 0 and value != 1.0:
+            raise InputError(f"tmahf: weight(0) is {value}, expected 1")
+        if not 0.0 <= value <= (values[-1] if values else 1.0):
+            raise InputError(f"tmahf: weight({d}) is {value}, expected non-increasing values in [0, 1]")
+        if value == 0.0:
+            break
+        values.append(value)
+    return np.array(values)

@@ -1,0 +1,170 @@
+"""Texture signals: what the image shows at each vertex, along each edge and in each face, eqs (4)-(6)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..types import FloatArray, Signals
+from .complex import Complex
+
+REC601 = np.array([0.299, 0.587, 0.114])  # luminance weights of R, G, B
+_UNIT = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}
+_WIDEST_EXACT = 32767  # a row of 16-bit pixels of this length still sums within int32
+
+Channels = Literal["luminance", "all"]
+
+
+def luminance(image: NDArray[Any]) -> FloatArray:
+    """Luminance of an image in [0, 1]; colour by the Rec. 601 weights, in float, before any rounding.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1]; colour is RGB.
+
+    Returns
+    -------
+    (H, W) float64
+
+    Raises
+    ------
+    InputError
+        If the image has another shape or type, is empty, or holds values that are not finite.
+
+    Examples
+    --------
+    >>> float(luminance(np.full((2, 2), 51, np.uint8))[0, 0])
+    0.2
+    """
+    plane, unit = _planes(image, "luminance")[0]
+    return plane * unit
+
+
+def sample_signals(
+    image: NDArray[Any], uv: ArrayLike, complex_: Complex, *, channels: Channels = "luminance"
+) -> Signals:
+    """Sample an image on every level of a complex, eqs (4)-(6).
+
+    A vertex takes the bilinear sample at its projection, an edge the mean over its integer Bresenham line, a face the
+    mean over the pixel centres in its closed triangle. These signals are unsigned: they do not flip with orientation.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        uint8, uint16, or float in [0, 1]; three channels are RGB.
+    uv : (N, 2) array
+        Projections of the vertices, px; NaN for a vertex that the camera does not see.
+    complex_ : Complex
+        Its vertices are the rows of `uv`.
+    channels : {"luminance", "all"}
+        What to sample of a colour image: its luminance, giving (n,) signals, or each channel, giving (n, C). An image
+        with two, or with more than three channels is always sampled in each.
+
+    Returns
+    -------
+    Signals
+        Luminance in [0, 1]; elements without a signal are 0 and marked.
+
+    Raises
+    ------
+    InputError
+        If the image or `uv` is not as described.
+
+    Notes
+    -----
+    The cost of a face is its height, not its area: row prefix sums give each row with two look-ups.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex
+    >>> ramp = np.tile(np.arange(5, dtype=np.uint8) * 51, (5, 1))
+    >>> triangle = build_complex([[0, 1, 2]], 3)
+    >>> signals = sample_signals(ramp, [[0, 0], [4, 0], [0, 4]], triangle)
+    >>> signals.vertex.round(9).tolist(), int(signals.face_pixels[0])
+    ([0.0, 0.8, 0.0], 15)
+    """
+    points = _checked_uv(uv, complex_.n)
+    sampled = [_sample_plane(plane, unit, points, complex_) for plane, unit in _planes(image, channels)]
+    if len(sampled) == 1 and (image.ndim == 2 or channels == "luminance"):
+        return sampled[0]
+    return _stack(sampled)
+
+
+def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Complex) -> Signals:
+    from . import _pixels
+
+    n_edges, n_faces = len(complex_.edges), len(complex_.faces)
+    vertex, vertex_ok = np.zeros(complex_.n), np.zeros(complex_.n, bool)
+    edge, edge_uv, edge_ok = np.zeros(n_edges), np.zeros((n_edges, 2)), np.zeros(n_edges, bool)
+    face, face_uv, face_ok = np.zeros(n_faces), np.zeros((n_faces, 2)), np.zeros(n_faces, bool)
+    edge_pixels, face_pixels = np.zeros(n_edges, np.int32), np.zeros(n_faces, np.int32)
+    table = _prefix_table(plane)
+    _pixels.sample_vertices(plane, unit, uv, vertex, vertex_ok)
+    _pixels.sample_edges(plane, unit, uv, vertex_ok, complex_.edges, edge, edge_uv, edge_pixels, edge_ok)
+    _pixels.sample_faces(plane, table, unit, uv, vertex_ok, complex_.faces, face, face_uv, face_pixels, face_ok)
+    return Signals(vertex, edge, face, edge_uv, face_uv, edge_pixels, face_pixels, vertex_ok, edge_ok, face_ok)
+
+
+def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:
+    from . import _pixels
+
+    height, width = plane.shape
+    exact = plane.dtype.kind == "u" and width <= _WIDEST_EXACT
+    table = np.empty((height, width + 1), np.int32 if exact else np.float64)
+    table[:, 0] = 0
+    _pixels.prefix_sums(plane, table)
+    return table
+
+
+def _planes(image: NDArray[Any], channels: Channels) -> list[tuple[NDArray[Any], float]]:
+    """The planes to sample, contiguous, each with the factor that makes it luminance."""
+    unit = _checked_unit(image)
+    if image.ndim == 2:
+        return [(np.ascontiguousarray(image), unit)]
+    count = image.shape[2]
+    if count == 1 or (count == 3 and channels == "luminance"):
+        return [(_weigh(image, (REC601 if count == 3 else np.ones(1)) * unit), 1.0)]
+    return [(np.ascontiguousarray(image[:, :, c]), unit) for c in range(count)]
+
+
+def _weigh(image: NDArray[Any], weights: FloatArray) -> FloatArray:
+    from . import _pixels
+
+    plane = np.empty(image.shape[:2])
+    _pixels.weigh_channels(np.ascontiguousarray(image), weights, plane)
+    return plane
+
+
+def _checked_unit(image: NDArray[Any]) -> float:
+    if not isinstance(image, np.ndarray) or image.ndim not in (2, 3) or image.size == 0:
+        shape = getattr(image, "shape", type(image).__name__)
+        raise InputError(f"image: shape is {shape}, expected (H, W) or (H, W, C), not empty")
+    if image.dtype in _UNIT:
+        return _UNIT[image.dtype]
+    if image.dtype not in (np.float32, np.float64):
+        raise InputError(f"image: type is {image.dtype}, expected uint8, uint16, or float in [0, 1]")
+    if not np.isfinite(image).all():
+        raise InputError("image: holds NaN or infinite values, expected finite ones")
+    return 1.0
+
+
+def _checked_uv(uv: ArrayLike, n: int) -> FloatArray:
+    points = np.ascontiguousarray(uv, dtype=np.float64)
+    if points.shape != (n, 2):
+        raise InputError(f"uv: shape is {points.shape}, expected ({n}, 2): one projection for each vertex")
+    return points
+
+
+def _stack(sampled: list[Signals]) -> Signals:
+    first = sampled[0]
+    return Signals(
+        np.stack([s.vertex for s in sampled], axis=1),
+        np.stack([s.edge for s in sampled], axis=1),
+        np.stack([s.face for s in sampled], axis=1),
+        first.edge_uv, first.face_uv, first.edge_pixels, first.face_pixels,
+        first.vertex_ok, first.edge_ok, first.face_ok,
+    )  # fmt: skip
