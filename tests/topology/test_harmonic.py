@@ -123,8 +123,7 @@ def test_permuting_vertices_permutes_the_response(order, centering):
 
 @both
 def test_marked_elements_are_left_out(filter_):
-    complex_, uv, signals = scene()
-    uv = uv.copy()
+    uv, complex_ = scattered()
     uv[5] = np.nan
     marked = sample_signals(noise(), uv, complex_)
     kept = ~(complex_.faces == 5).any(axis=1)

@@ -1,4 +1,4 @@
-"""The simplicial complex: edges, incidence matrices, Hodge Laplacians and unsigned neighbourhoods (SPEC: eqs (14)-(16))."""
+"""The simplicial complex: edges, incidence matrices, Hodge Laplacians, unsigned neighbourhoods; eqs (14)-(16)."""
 
 from __future__ import annotations
 

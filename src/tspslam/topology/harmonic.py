@@ -101,8 +101,8 @@ def tmahf(
     >>> uv = np.array([[5, 5], [9, 5], [5, 9], [1, 5], [5, 1]], float)
     >>> fan = build_complex([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], 5)
     >>> response = tmahf(fan, uv, sample_signals(ramp, uv, fan), centering="plane")
-    >>> np.round(response.z[0], 9)
-    np.complex128(0.1+0j)
+    >>> bool(abs(response.z[0] - 0.1) < 1e-9)
+    True
     """
     mode = _checked_mode(order, centering)
     points = _checked_points(complex_, uv, signals)

@@ -24,8 +24,6 @@ class DelaunaySurface:
         has a covariance; 0 trusts every depth.
     min_angle : float
         Faces whose smallest image angle is below this are slivers, degrees.
-    max_edge : float
-        Longest side in the image, as a share of the image's (more exactly, the points') diagonal.
 
     Examples
     --------
@@ -36,16 +34,13 @@ class DelaunaySurface:
     max_depth_ratio: float = 0.1
     significance: float = 3.0
     min_angle: float = 3.0
-    max_edge: float = 0.25
 
     def __call__(self, cloud: Cloud) -> Surface:
         """Triangulate `cloud`; see `delaunay_surface`."""
-        _refuse_settings(self)
+        _refuse(self, cloud)
         faces = _triangulate(cloud.uv)
         keep = ~_bridges_step(cloud, faces, self.max_depth_ratio, self.significance)
         keep &= _smallest_angle(cloud.uv[faces]) >= np.radians(self.min_angle)
-        diagonal = float(np.linalg.norm(np.ptp(cloud.uv, axis=0)))
-        keep &= _side_lengths(cloud.uv[faces]).max(axis=1) <= self.max_edge * diagonal
         return Surface(faces[keep])
 
 
@@ -53,8 +48,8 @@ def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.1, significance
     """Triangulate a cloud in the image, lift the triangles to 3-D and drop those that bridge a depth step.
 
     The Delaunay triangulation of the projections is a planar sheet; leaving faces out keeps every edge with at most
-    two faces, so the surface is edge-manifold, with boundary. Slivers and faces that span a large part of the image go
-    too.
+    two faces, so the surface is edge-manifold, with boundary; `pinched_vertices` says where cuts left two sheets that
+    meet in a vertex only. Slivers go too.
 
     Parameters
     ----------
@@ -82,16 +77,61 @@ def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.1, significance
     >>> uv = np.array([[0., 0], [10, 0], [0, 10], [10, 10]])
     >>> cloud = Cloud(np.column_stack([uv, np.full(4, 5.0)]), uv, np.full(4, 20.0))
     >>> len(delaunay_surface(cloud).faces)
-    0
+    2
     """
     return DelaunaySurface(max_depth_ratio, significance)(cloud)
 
 
-def _refuse_settings(stage: DelaunaySurface) -> None:
-    for name in ("max_depth_ratio", "significance", "min_angle", "max_edge"):
+def pinched_vertices(faces: NDArray[np.int32], n: int) -> NDArray[np.int64]:
+    """Vertices at which an edge-manifold surface is not manifold: their faces fall into several fans.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+        Triangles; each side has at most two.
+    n : int
+        Number of vertices.
+
+    Returns
+    -------
+    (P,) int64
+        Ascending; empty if the surface is a manifold (with boundary).
+
+    Examples
+    --------
+    >>> pinched_vertices(np.array([[0, 1, 2], [2, 3, 4]], np.int32), 5).tolist()
+    [2]
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    corner = np.arange(3 * len(faces)).reshape(-1, 3)
+    sides = [(0, 1), (1, 2), (2, 0)]
+    ends = np.concatenate([faces[:, side] for side in sides]).astype(np.int64)
+    at = np.concatenate([corner[:, side] for side in sides])
+    swap = ends[:, 0] > ends[:, 1]
+    ends[swap], at[swap] = ends[swap, ::-1], at[swap, ::-1]
+    order = np.argsort(ends[:, 0] * n + ends[:, 1], kind="stable")
+    ends, at = ends[order], at[order]
+    shared = np.flatnonzero((ends[1:] == ends[:-1]).all(axis=1))
+    one, other = at[shared].ravel(), at[shared + 1].ravel()
+    links = coo_array((np.ones(len(one), bool), (one, other)), shape=(corner.size, corner.size))
+    count, fan = connected_components(links, directed=False)
+    owner = np.zeros(count, np.int64)
+    owner[fan] = faces.ravel()
+    return np.flatnonzero(np.bincount(owner, minlength=n) > 1)
+
+
+def _refuse(stage: DelaunaySurface, cloud: Cloud) -> None:
+    for name in ("max_depth_ratio", "significance", "min_angle"):
         value = getattr(stage, name)
         if not (np.isfinite(value) and value >= 0):
             raise InputError(f"surface: {name} is {value}, expected a finite number >= 0")
+    good = np.isfinite(cloud.uv).all(axis=1) & np.isfinite(cloud.xyz).all(axis=1) & (cloud.xyz[:, 2] > 0)
+    if not good.all():
+        bad = int(np.flatnonzero(~good)[0])
+        where = f"uv {cloud.uv[bad].tolist()}, xyz {cloud.xyz[bad].tolist()}"
+        raise InputError(f"surface: point {bad} is {where}, expected finite values with z > 0")
 
 
 def _triangulate(uv: FloatArray) -> NDArray[np.int32]:
@@ -103,9 +143,29 @@ def _triangulate(uv: FloatArray) -> NDArray[np.int32]:
     spread = np.linalg.svd(centred, compute_uv=False)
     if not spread[1] > 1e-9 * max(spread[0], 1.0):
         what = "at one place" if spread[0] <= 1e-9 else "on one line"
-        raise GeometryError(f"surface: all {len(uv)} points lie {what} in the image, expected points in general position")
+        raise GeometryError(f"surface: all {len(uv)} points lie {what} in the image, expected a spread both ways")
     try:
         return np.ascontiguousarray(Delaunay(centred).simplices, dtype=np.int32)
     except QhullError as error:
         reason = str(error).strip().splitlines()[0]
         raise GeometryError(f"surface: {len(uv)} points cannot be triangulated ({reason})") from error
+
+
+def _bridges_step(cloud: Cloud, faces: NDArray[np.int32], max_ratio: float, significance: float) -> BoolArray:
+    """Whether a side of each face jumps in depth: by much against the depth, and against its uncertainty."""
+    depth = cloud.xyz[:, 2]
+    variance = np.zeros(len(depth)) if cloud.covariance is None else cloud.covariance[:, 2, 2]
+    ends, others = faces, np.roll(faces, -1, axis=1)
+    jump = np.abs(depth[ends] - depth[others])
+    is_large = jump > max_ratio * np.minimum(depth[ends], depth[others])
+    is_significant = jump**2 > significance**2 * (variance[ends] + variance[others])
+    steps: BoolArray = np.any(is_large & is_significant, axis=1)
+    return steps
+
+
+def _smallest_angle(corners: FloatArray) -> FloatArray:
+    """Smallest interior angle of each (F, 3, 2) triangle, rad."""
+    ahead = np.roll(corners, -1, axis=1) - corners
+    behind = np.roll(corners, 1, axis=1) - corners
+    cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
+    return np.arctan2(np.abs(cross), np.sum(ahead * behind, axis=2)).min(axis=1)

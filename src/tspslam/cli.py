@@ -1,0 +1,253 @@
+"""What a person types: a thin parser around functions. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import __version__
+from .errors import InputError, OutputError, TspSlamError
+
+if TYPE_CHECKING:
+    from .pipeline import RunResult, Source
+
+COMPLETE, INTERNAL, USAGE, BAD_INPUT, DEGRADED, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+_UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it
+
+app = typer.Typer(
+    help="Topological signal processing on what a stereo camera sees.",
+    no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+)  # fmt: skip
+config_app = typer.Typer(help="Settings.", no_args_is_help=True)
+app.add_typer(config_app, name="config")
+
+SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting.")]
+PresetOption = Annotated[str, typer.Option(help="Where settings start: default, or paper.")]
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+@app.command("run")
+def run_command(
+    source: Annotated[
+        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder with left/ right/.")
+    ] = None,
+    calib: Annotated[Path | None, typer.Option(help="Calibration file of a pair.")] = None,
+    out: OutOption = None,
+    frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
+    preset: PresetOption = "default",
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
+    from . import config as configuration
+    from . import pipeline
+
+    resolved = configuration.resolve(preset, config, assignments or [])
+    pairs = _open_source(source or [], calib)
+    wanted = _frame_range(frames, len(pairs))
+    target = out or Path("runs") / pairs.name
+    _announce_compilation()
+    with _progress(len(wanted)) as progress:
+        result = pipeline.run(pairs, target, resolved, frames=wanted, progress=progress)
+    _finish(result, as_json)
+
+
+@app.command("filter")
+def filter_command(
+    mesh: Annotated[Path, typer.Argument(help="PLY, OBJ or VTU mesh, in the camera's frame, metres.")],
+    image: Annotated[Path, typer.Option(help="Image that the camera took.")],
+    calib: Annotated[Path, typer.Option(help="Calibration file.")],
+    out: OutOption = None,
+    order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
+    centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
+    from . import pipeline
+    from .topology.harmonic import Tmahf
+
+    _announce_compilation()
+    stage = Tmahf(order, centering)  # type: ignore[arg-type]
+    _finish(pipeline.filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage), as_json)
+
+
+@app.command("export")
+def export_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
+    frame: Annotated[int, typer.Option(help="Index of the frame.")] = 0,
+    output: Annotated[Path | None, typer.Option(help="File to write [default: beside the run's frames].")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one frame of a finished run in another format, without running again."""
+    from .io import RunFolder, read_frame, write_frame
+    from .io.maps import write_map_ply, write_map_vtu
+
+    writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
+    if to not in writers:
+        raise typer.BadParameter(f"{to!r}, expected one of {', '.join(writers)}", param_hint="--to")
+    stored = RunFolder.open(run).frame_path(frame)
+    target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
+    writers[to](target, read_frame(stored))
+    typer.echo(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
+
+
+@config_app.command("show")
+def config_show_command(
+    preset: PresetOption = "default",
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show every setting, its value, and where it came from."""
+    from . import config as configuration
+
+    resolved = configuration.resolve(preset, config, assignments or [])
+    rows = {name: {"value": value, "origin": resolved.origin[name]} for name, value in resolved.values.items()}
+    if as_json:
+        typer.echo(json.dumps(rows, sort_keys=True))
+        return
+    width = max(map(len, rows))
+    for name, row in rows.items():
+        typer.echo(f"{name:<{width}}  {json.dumps(row['value']):<12}  {row['origin']}")
+
+
+@app.callback(invoke_without_command=True)
+def root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
+) -> None:
+    """Print the version, if asked; `main` reads --debug itself."""
+    if version:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; every error becomes one line and its exit code."""
+    logging.basicConfig(format="%(message)s", level=logging.WARNING)
+    sys.exit(_exit_code(sys.argv[1:]))
+
+
+def _exit_code(arguments: list[str]) -> int:
+    try:
+        flags = [a for a in arguments if a != "--debug"]
+        outcome = typer.main.get_command(app).main(flags, prog_name="tspslam", standalone_mode=False)
+        return outcome if isinstance(outcome, int) else COMPLETE
+    except typer.Exit as stop:
+        return stop.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted; the same command goes on where this one stopped", INTERRUPTED)
+    except Exception as error:
+        if "--debug" in arguments:
+            raise
+        return _complain(_line(error), _code_of(error))
+
+
+def _code_of(error: Exception) -> int:
+    if isinstance(error, _UsageError):
+        return USAGE
+    if isinstance(error, OutputError):
+        return NOT_WRITTEN
+    return BAD_INPUT if isinstance(error, InputError) else INTERNAL
+
+
+def _line(error: Exception) -> str:
+    if isinstance(error, _UsageError):
+        return f"{error.format_message()} (see tspslam --help)"  # type: ignore[attr-defined]
+    text = " ".join(str(error).split())
+    if isinstance(error, TspSlamError):
+        return text
+    return f"internal error: {type(error).__name__}: {text} (--debug shows where)"
+
+
+def _complain(line: str, code: int) -> int:
+    typer.echo(f"tspslam: {line}", err=True)
+    return code
+
+
+def _open_source(paths: list[Path], calib: Path | None) -> Source:
+    from . import datasets
+    from .pipeline import OnePair
+
+    if len(paths) == 2:
+        if calib is None:
+            raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
+        return OnePair(datasets.pair_from_files(*paths, calib))
+    if calib is not None:
+        raise typer.BadParameter("goes with a pair of files; a folder has its own calib.yaml", param_hint="--calib")
+    if not paths:
+        return OnePair(datasets.motorcycle())
+    if len(paths) > 2:
+        raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
+    return datasets.StereoFolder(paths[0])
+
+
+def _frame_range(text: str | None, count: int) -> range:
+    if text is None:
+        return range(count)
+    first, colon, last = text.partition(":")
+    try:
+        chosen = range(count)[slice(int(first) if first else None, int(last) if last else None)]
+    except ValueError:
+        colon = ""
+    if not colon:
+        raise typer.BadParameter(f"{text!r}, expected A:B with integers", param_hint="--frames")
+    if not chosen:
+        raise InputError(f"--frames {text}: selects none of the {count} frames")
+    return chosen
+
+
+def _announce_compilation() -> None:
+    from . import _jit
+    from .topology import harmonic
+
+    if not _jit.kernels_are_cached(str(Path(harmonic.__file__).with_name("_harmonics.py"))):
+        typer.echo("compiling kernels (once on this machine, up to a minute) ...", err=True)
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on stderr if it is a terminal, else a line every tenth of the frames."""
+    if not sys.stderr.isatty():
+        every = max(1, total // 10)
+        yield lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if done % every == 0 else None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("frames", total=total)
+        yield lambda done, of, name: bar.update(task, completed=done, description=name)
+
+
+def _finish(result: RunResult, as_json: bool) -> None:
+    run, folder = result.run, result.folder
+    for warning in run["warnings"]:
+        typer.echo(f"warning: {warning['message']}", err=True)
+    if as_json:
+        typer.echo(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
+    else:
+        sizes = run["complex"]
+        typer.echo(f"{run['status']}: {run['frames']} frame(s); the first has {sizes['n']} points, "
+                   f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
+        typer.echo(
+            f"pictures: {folder / 'pictures'}\nreport:   {folder / 'report.html'}\nmap:      {folder / 'map.vtu'}"
+        )
+    if result.is_degraded:
+        raise typer.Exit(DEGRADED)
+
+
+def _defined(run: dict[str, Any]) -> int:
+    return int(run["per_frame"][0]["defined"] if "per_frame" in run else run["defined"])

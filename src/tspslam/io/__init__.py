@@ -1,0 +1,33 @@
+"""Reading and writing: images, PLY, VTU, stored frames, run folders. Files are whole or not there."""
+
+from .atomic import atomic_write, write_bytes
+from .frames import FrameLike, StoredFrame, read_frame, write_frame
+from .images import read_image, write_png
+from .manifest import Unit
+from .mesh import read_mesh
+from .ply import PlyMesh, read_ply, write_ply
+from .runfolder import RunFolder
+from .trajectory import write_kitti, write_tum
+from .vtu import VtuMesh, read_vtu, write_vtu
+
+__all__ = [
+    "FrameLike",
+    "PlyMesh",
+    "RunFolder",
+    "StoredFrame",
+    "Unit",
+    "VtuMesh",
+    "atomic_write",
+    "read_frame",
+    "read_image",
+    "read_mesh",
+    "read_ply",
+    "read_vtu",
+    "write_bytes",
+    "write_frame",
+    "write_kitti",
+    "write_ply",
+    "write_png",
+    "write_tum",
+    "write_vtu",
+]

@@ -1,0 +1,78 @@
+"""The settings of a run as plain, deterministic YAML, and what differs between two of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..errors import InputError
+
+MARK = "# tspslam run\n"
+_LARGEST = 1 << 20
+_DEEPEST = 20
+
+
+def plain(value: object, key: str = "", depth: int = 0) -> Any:
+    """Return `value` as nested dict, list and scalars that JSON and YAML both keep exactly."""
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float) and math.isfinite(value):
+        return float(value)
+    if depth < _DEEPEST and isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
+        return {name: plain(value[name], f"{key}.{name}".lstrip("."), depth + 1) for name in sorted(value)}
+    if depth < _DEEPEST and isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
+        return [plain(each, f"{key}[{i}]", depth + 1) for i, each in enumerate(value)]
+    raise InputError(f"config: {key or 'the whole'} is {value!r}, expected text, finite numbers, lists, mappings")
+
+
+def hash_of(config: object) -> str:
+    """Return the SHA-256 of plain settings, 64 hexadecimal digits."""
+    text = json.dumps(config, sort_keys=True, allow_nan=False, separators=(",", ":"))
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def dump(config: object) -> bytes:
+    """Return plain settings as YAML behind our mark."""
+    import yaml
+
+    return (MARK + yaml.safe_dump(config, sort_keys=True, allow_unicode=True, width=1000)).encode("utf-8")
+
+
+def load(data: bytes) -> Any:
+    """Return the settings that `dump` wrote, maybe edited since; aliases and tags are refused."""
+    import yaml
+
+    if len(data) > _LARGEST:
+        raise InputError(f"has {len(data)} bytes, where {_LARGEST} go")
+    try:
+        text = data.decode("utf-8")
+        if any(
+            isinstance(token, (yaml.AliasToken, yaml.TagToken)) for token in yaml.scan(text, Loader=yaml.SafeLoader)
+        ):
+            raise InputError("has an alias or a tag")
+        return plain(yaml.safe_load(text))
+    except (yaml.YAMLError, ValueError, RecursionError, OverflowError) as error:
+        raise InputError(f"is not plain YAML ({' '.join(str(error).split())[:100]})") from error
+
+
+def differences(old: object, new: object, key: str = "") -> list[str]:
+    """Return a line for each key whose value differs."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        lines = []
+        for name in sorted(old.keys() | new.keys()):
+            inner = f"{key}.{name}".lstrip(".")
+            if name in old and name in new:
+                lines += differences(old[name], new[name], inner)
+            else:
+                said = [json.dumps(each[name]) if name in each else "absent" for each in (old, new)]
+                lines.append(f"{inner} was {said[0]} and is now {said[1]}")
+        return lines
+    # True == 1 in Python, but not in a config.
+    if json.dumps(old) == json.dumps(new):
+        return []
+    return [f"{key or 'the whole'} was {json.dumps(old)} and is now {json.dumps(new)}"]

@@ -1,0 +1,57 @@
+"""Opening what a user names, and saying in one line what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import BinaryIO
+
+from ..errors import InputError
+
+PathLike = str | os.PathLike[str]
+
+LARGEST_FILE = 1 << 32
+"""Bytes; a larger file is refused before it is read."""
+
+
+def one_line(text: str) -> str:
+    """Return `text` without line breaks, control characters or lone surrogates."""
+    plain = "".join(character if character.isprintable() else " " for character in text)
+    return " ".join(plain.encode("utf-8", "backslashreplace").decode("utf-8").split())
+
+
+def bad_input(path: PathLike, reason: str, expected: str) -> InputError:
+    """Return the one-line error for a file: where, what is wrong, what was expected."""
+    return InputError(one_line(f"{path}: {reason}; expected {expected}"))
+
+
+def reason_of(error: Exception) -> str:
+    """Return why the operating system or a decoder refused, in a few words."""
+    said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return said[:200] or type(error).__name__
+
+
+def open_input(path: PathLike, expected: str) -> BinaryIO:
+    """Open a regular, non-empty file for reading; anything else (a folder, a pipe, a device) is an `InputError`."""
+    try:
+        status = os.stat(path)
+        if stat.S_ISDIR(status.st_mode):
+            raise bad_input(path, "is a directory", expected)
+        if not stat.S_ISREG(status.st_mode):
+            raise bad_input(path, "is not a regular file", expected)
+        if status.st_size == 0:
+            raise bad_input(path, "is empty", expected)
+        if status.st_size > LARGEST_FILE:
+            raise bad_input(path, f"has {status.st_size} bytes", f"{expected} of at most {LARGEST_FILE} bytes")
+        return open(path, "rb")
+    except (OSError, ValueError) as error:
+        raise bad_input(path, f"cannot be opened ({reason_of(error)})", expected) from error
+
+
+def read_bytes(path: PathLike, expected: str) -> bytes:
+    """Return the content of a regular, non-empty file."""
+    with open_input(path, expected) as handle:
+        try:
+            return handle.read()
+        except (OSError, MemoryError) as error:
+            raise bad_input(path, f"cannot be read ({reason_of(error)})", expected) from error

@@ -1,0 +1,132 @@
+"""Which arrays a stored frame has, of which type and shape."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+Arrays = dict[str, NDArray[Any]]
+
+MAGIC = "tspslam frame"
+VERSION = 1
+
+# Letters are sizes that must agree: n vertices, e edges, f faces, s surface faces, b bytes of the name;
+# "c*" and "r*" stand for one more axis (channels of the signals, of the response) or none.
+SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
+    "magic": ("|u1", (len(MAGIC),)),
+    "version": ("<i8", ()),
+    "index": ("<i8", ()),
+    "stamp": ("<f8", ()),
+    "name": ("|u1", ("b",)),
+    "rig": ("<f8", (7,)),
+    "image_size": ("<i8", (2,)),
+    "cloud_xyz": ("<f8", ("n", 3)),
+    "cloud_uv": ("<f8", ("n", 2)),
+    "cloud_disparity": ("<f8", ("n",)),
+    "cloud_covariance": ("<f8", ("n", 3, 3)),
+    "surface_faces": ("<i4", ("s", 3)),
+    "complex_n": ("<i8", ()),
+    "complex_edges": ("<i4", ("e", 2)),
+    "complex_faces": ("<i4", ("f", 3)),
+    "complex_face_edges": ("<i4", ("f", 3)),
+    "signals_vertex": ("<f8", ("n", "c*")),
+    "signals_edge": ("<f8", ("e", "c*")),
+    "signals_face": ("<f8", ("f", "c*")),
+    "signals_edge_uv": ("<f8", ("e", 2)),
+    "signals_face_uv": ("<f8", ("f", 2)),
+    "signals_edge_pixels": ("<i4", ("e",)),
+    "signals_face_pixels": ("<i4", ("f",)),
+    "signals_vertex_ok": ("|b1", ("n",)),
+    "signals_edge_ok": ("|b1", ("e",)),
+    "signals_face_ok": ("|b1", ("f",)),
+    "response_z": ("<c16", ("n", "r*")),
+    "response_order": ("<i8", ()),
+    "response_defined": ("|b1", ("n",)),
+}
+OPTIONAL = frozenset({"cloud_covariance"})
+# A point without a projection has NaN pixels.
+MAY_BE_NAN = frozenset({"cloud_uv", "cloud_disparity"})
+
+_NPY = re.compile(
+    rb"\x93NUMPY\x01\x00(..)\{'descr': '([<|][a-z]\d{1,2})', 'fortran_order': False, "
+    rb"'shape': \((|\d{1,11},|\d{1,11}(?:, \d{1,11}){1,3})\), \} *\n",
+    re.DOTALL,
+)
+
+
+def parse_array(name: str, data: bytes) -> NDArray[Any]:
+    """Return the array of one entry, after its header was held against the schema and the entry's size."""
+    found = _NPY.match(data)
+    if not found or found.end() != 10 + int.from_bytes(found[1], "little"):
+        raise InputError(f"array {name} has no header of ours")
+    dtype, text = found[2].decode("ascii"), found[3].decode("ascii")
+    if dtype != SCHEMA[name][0]:
+        raise InputError(f"array {name} has type {dtype}, where {SCHEMA[name][0]} goes")
+    shape = tuple(int(size) for size in text.split(",") if size)
+    claimed = np.dtype(dtype).itemsize
+    for size in shape:
+        claimed *= size
+    if claimed != len(data) - found.end():
+        raise InputError(f"array {name} claims {claimed} bytes and has {len(data) - found.end()}")
+    values = np.frombuffer(data, dtype, offset=found.end()).reshape(shape)
+    if dtype == "|b1" and values.size and values.view(np.uint8).max() > 1:
+        raise InputError(f"array {name} holds a byte that is neither true nor false")
+    return values.copy()
+
+
+def to_schema(name: str, value: Any) -> NDArray[Any]:
+    """Return `value` in the schema's type; it must be exact."""
+    code = SCHEMA[name][0]
+    array = np.asarray(value)
+    if array.dtype.kind == "O" or not np.can_cast(array.dtype, code, "same_kind"):
+        raise InputError(f"array {name} has dtype {array.dtype}, where {code} goes")
+    stored = np.ascontiguousarray(array.astype(code)).reshape(array.shape)
+    if not np.array_equal(stored, array, equal_nan=array.dtype.kind in "fc"):
+        raise InputError(f"array {name} does not fit into {code}")
+    return stored
+
+
+def check(arrays: Arrays) -> None:
+    """Raise `InputError` unless the arrays are those of one consistent frame."""
+    missing = [name for name in SCHEMA if name not in arrays and name not in OPTIONAL]
+    if missing:
+        raise InputError(f"has no array {missing[0]}")
+    known: dict[str, tuple[int, ...]] = {"n": (int(arrays["complex_n"]),)} if arrays["complex_n"].ndim == 0 else {}
+    for name, values in arrays.items():
+        _check_shape(name, values.shape, known)
+        if values.dtype.kind in "fc" and name not in MAY_BE_NAN and not np.isfinite(values).all():
+            raise InputError(f"array {name} holds a value that is not finite")
+    if arrays["response_order"] < 0:
+        raise InputError(f"has a response of order {arrays['response_order']}")
+    _check_indices(arrays, known["n"][0], known["e"][0])
+
+
+def _check_shape(name: str, shape: tuple[int, ...], known: dict[str, tuple[int, ...]]) -> None:
+    expected: tuple[int, ...] = ()
+    for axis in SCHEMA[name][1]:
+        at = len(expected)
+        if isinstance(axis, int):
+            expected += (axis,)
+        else:
+            expected += known.setdefault(axis, shape[at : at + 1])
+    if shape != expected:
+        raise InputError(f"array {name} has shape {shape}, where {expected} goes")
+
+
+def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:
+    limits = {"surface_faces": n, "complex_edges": n, "complex_faces": n, "complex_face_edges": n_edges}
+    for name, limit in limits.items():
+        values = arrays[name]
+        if values.size and (values.min() < 0 or values.max() >= limit):
+            raise InputError(f"array {name} holds {values.min()} to {values.max()}, where 0 to {limit - 1} go")
+    edges, faces = arrays["complex_edges"], arrays["complex_faces"]
+    if not (np.diff(edges) > 0).all() or not (np.diff(faces) > 0).all():
+        raise InputError("has an edge or a face of the complex that does not ascend")
+    sides = faces[:, [[0, 1], [1, 2], [0, 2]]]
+    if not np.array_equal(edges[arrays["complex_face_edges"]], sides):
+        raise InputError("has complex_face_edges that are not the sides of complex_faces")

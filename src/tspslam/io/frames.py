@@ -1,0 +1,303 @@
+"""One frame's results on disk: a versioned npz, the same frame always the same bytes."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import InputError
+from ..topology.complex import Complex
+from ..types import Cloud, Response, Rig, Signals, Surface
+from ._files import PathLike, bad_input, read_bytes, reason_of
+from ._frame_schema import MAGIC, OPTIONAL, SCHEMA, VERSION, Arrays, check, parse_array, to_schema
+from .atomic import write_bytes
+
+_EXPECTED = f"a frame of format version {VERSION}"
+_LARGEST = 1 << 32
+# Deflate cannot shrink further than this; smaller entries are let be.
+_RATIO = 1032
+# zipfile meets damaged archives with all of these.
+_ZIP_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    OSError,
+    ValueError,
+    LookupError,
+    EOFError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+)
+_RIG = ("fx", "fy", "cx", "cy", "baseline", "skew", "doffs")
+
+
+class FrameLike(Protocol):
+    """What can be stored as a frame: any object with these attributes."""
+
+    @property
+    def index(self) -> int:
+        """Place in its sequence."""
+
+    @property
+    def stamp(self) -> float:
+        """Time, s."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras."""
+
+    @property
+    def cloud(self) -> Cloud:
+        """The points."""
+
+    @property
+    def surface(self) -> Surface:
+        """The triangles, winding kept."""
+
+    @property
+    def complex_(self) -> Complex:
+        """The complex."""
+
+    @property
+    def signals(self) -> Signals:
+        """The texture signals."""
+
+    @property
+    def response(self) -> Response:
+        """The harmonic response."""
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """One frame as read back from disk.
+
+    Attributes
+    ----------
+    index : int
+        Place in its sequence.
+    stamp : float
+        Time, s.
+    name : str
+        What it is called in messages and file names.
+    rig : Rig
+        The cameras.
+    cloud : Cloud
+        Its N points.
+    surface : Surface
+        Triangles over the points, winding kept.
+    complex_ : Complex
+        The complex over the same N points.
+    signals : Signals
+        Texture signals on the complex.
+    response : Response
+        Harmonic response at its vertices.
+    """
+
+    index: int
+    stamp: float
+    name: str
+    rig: Rig
+    cloud: Cloud
+    surface: Surface
+    complex_: Complex
+    signals: Signals
+    response: Response
+
+
+def write_frame(path: PathLike, frame: FrameLike) -> None:
+    """Write one frame as npz, whole or not at all; equal frames give equal bytes.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    frame : FrameLike
+        Any object with the attributes of `StoredFrame`.
+
+    Raises
+    ------
+    InputError
+        If the frame's arrays do not fit each other, or hold a value that is not finite (``uv`` and ``disparity`` may
+        be NaN where a point has no projection).
+    OutputError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tspslam.topology.complex import build_complex
+    >>> shape, three, yes = build_complex([[0, 1, 2]], 3), np.zeros(3), np.ones(3, bool)
+    >>> frame = StoredFrame(
+    ...     index=7,
+    ...     stamp=0.5,
+    ...     name="seventh",
+    ...     rig=Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480),
+    ...     cloud=Cloud(np.eye(3), np.zeros((3, 2)), three),
+    ...     surface=Surface(shape.faces),
+    ...     complex_=shape,
+    ...     signals=Signals(three, three, np.zeros(1), np.zeros((3, 2)), np.zeros((1, 2)),
+    ...                     np.zeros(3, int), np.zeros(1, int), yes, yes, yes[:1]),
+    ...     response=Response(three.astype(complex), 1, yes),
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_frame(f"{folder}/000007.npz", frame)
+    ...     read_frame(f"{folder}/000007.npz").name
+    'seventh'
+    """
+    try:
+        arrays = {name: to_schema(name, value) for name, value in _collected(frame).items()}
+        check(arrays)
+    except InputError as error:
+        raise bad_input(path, f"cannot hold this frame: {error}", "a consistent frame") from error
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for name in SCHEMA:
+            if name in arrays:
+                archive.writestr(_entry(name), _npy(arrays[name]), zipfile.ZIP_DEFLATED, 1)
+    write_bytes(path, packed.getvalue())
+
+
+def read_frame(path: PathLike) -> StoredFrame:
+    """Read a frame that `write_frame` wrote.
+
+    Nothing is unpickled; every claimed size is compared with what is there before memory is taken.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    StoredFrame
+        The frame.
+
+    Raises
+    ------
+    InputError
+        If the file is no such npz, of another version, damaged, or its arrays are missing or inconsistent.
+
+    Examples
+    --------
+    >>> try:
+    ...     read_frame("no such frame.npz")
+    ... except InputError as error:
+    ...     print(str(error)[:35])
+    no such frame.npz: cannot be opened
+    """
+    data = read_bytes(path, _EXPECTED)
+    try:
+        arrays = _read_arrays(data)
+        check(arrays)
+        return _frame(arrays)
+    except InputError as error:
+        raise bad_input(path, str(error), _EXPECTED) from error
+    except _ZIP_ERRORS as error:
+        raise bad_input(path, f"is not a sound npz ({reason_of(error)})", _EXPECTED) from error
+
+
+def _collected(frame: FrameLike) -> dict[str, Any]:
+    cloud, complex_, response = frame.cloud, frame.complex_, frame.response
+    values: dict[str, Any] = {
+        "magic": np.frombuffer(MAGIC.encode("ascii"), np.uint8),
+        "version": VERSION,
+        "index": frame.index,
+        "stamp": float(frame.stamp),
+        "name": np.frombuffer(frame.name.encode("utf-8", "backslashreplace"), np.uint8),
+        "rig": [float(getattr(frame.rig, key)) for key in _RIG],
+        "image_size": [frame.rig.width, frame.rig.height],
+        "cloud_xyz": cloud.xyz,
+        "cloud_uv": cloud.uv,
+        "cloud_disparity": cloud.disparity,
+        "surface_faces": frame.surface.faces,
+        "complex_n": complex_.n,
+        "complex_edges": complex_.edges,
+        "complex_faces": complex_.faces,
+        "complex_face_edges": complex_.face_edges,
+        "response_z": response.z,
+        "response_order": response.order,
+        "response_defined": response.defined,
+    }
+    if cloud.covariance is not None:
+        values["cloud_covariance"] = cloud.covariance
+    keys = [name for name in SCHEMA if name.startswith("signals_")]
+    return values | {key: getattr(frame.signals, key.removeprefix("signals_")) for key in keys}
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(f"{name}.npy", (1980, 1, 1, 0, 0, 0))
+    # Otherwise these two tell the operating system that wrote the file.
+    entry.create_system, entry.external_attr = 3, 0o600 << 16
+    return entry
+
+
+def _npy(values: np.ndarray[Any, Any]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, values, version=(1, 0), allow_pickle=False)
+    return stream.getvalue()
+
+
+def _read_arrays(data: bytes) -> Arrays:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        entries = archive.infolist()
+        _check_entries(entries)
+        arrays: Arrays = {}
+        for entry in sorted(entries, key=lambda entry: entry.filename != "version.npy"):
+            name = entry.filename.removesuffix(".npy")
+            with archive.open(entry) as stream:
+                arrays[name] = parse_array(name, stream.read(entry.file_size))
+            if name == "version" and (arrays[name].shape != () or int(arrays[name]) != VERSION):
+                raise InputError(f"has the format version {arrays[name].tolist()}")
+    if arrays["magic"].tobytes() != MAGIC.encode("ascii"):
+        raise InputError("does not carry the mark of a frame")
+    return arrays
+
+
+def _check_entries(entries: list[zipfile.ZipInfo]) -> None:
+    names = [entry.filename for entry in entries]
+    known = {f"{name}.npy" for name in SCHEMA}
+    missing = sorted(known - {f"{name}.npy" for name in OPTIONAL} - set(names))
+    if missing or len(set(names)) < len(names) or not set(names) <= known:
+        raise InputError(f"has no array {missing[0]}" if missing else "has a repeated or an unknown array")
+    for entry in entries:
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or entry.flag_bits & 1:
+            raise InputError(f"has {entry.filename} packed in a way that is not ours")
+        if entry.file_size > _RATIO * entry.compress_size + 64:
+            raise InputError(f"claims {entry.file_size} bytes in the {entry.compress_size} of {entry.filename}")
+    if sum(entry.file_size for entry in entries) > _LARGEST:
+        raise InputError(f"claims more than {_LARGEST} bytes")
+
+
+def _frame(arrays: Arrays) -> StoredFrame:
+    part = {name: (int(values) if values.dtype == np.int64 else float(values)) for name, values in _scalars(arrays)}
+    rig = dict(zip(_RIG, arrays["rig"].tolist(), strict=True))
+    width, height = arrays["image_size"].tolist()
+    signals = {name: values for name, values in arrays.items() if name.startswith("signals_")}
+    xyz, uv, disparity = (arrays[f"cloud_{key}"] for key in ("xyz", "uv", "disparity"))
+    edges, faces, face_edges = (arrays[f"complex_{key}"] for key in ("edges", "faces", "face_edges"))
+    return StoredFrame(
+        index=int(part["index"]),
+        stamp=float(part["stamp"]),
+        name=arrays["name"].tobytes().decode("utf-8"),
+        rig=Rig(width=width, height=height, **rig),
+        cloud=Cloud(xyz, uv, disparity, arrays.get("cloud_covariance")),
+        surface=Surface(arrays["surface_faces"]),
+        complex_=Complex(int(part["complex_n"]), edges, faces, face_edges),
+        signals=Signals(**{name.removeprefix("signals_"): values for name, values in signals.items()}),
+        response=Response(arrays["response_z"], int(part["response_order"]), arrays["response_defined"]),
+    )
+
+
+def _scalars(arrays: Arrays) -> list[tuple[str, Any]]:
+    return [(name, arrays[name]) for name in SCHEMA if SCHEMA[name][1] == ()]

@@ -1,0 +1,201 @@
+"""Images from disk as arrays, and arrays as PNG."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+import threading
+import warnings
+import zlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ._files import PathLike, bad_input, open_input, reason_of
+from .atomic import write_bytes
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+LARGEST_AREA = 64_000_000
+LARGEST_SIDE = 32_767
+_FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP")
+_EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM or BMP image"
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+# Pillow's decoders meet damaged files with all of these.
+_DECODER_ERRORS = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AttributeError,
+    RuntimeError,
+    EOFError,
+    MemoryError,
+    struct.error,
+    zlib.error,
+)
+_quiet_lock = threading.Lock()
+
+
+def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Read a PNG, JPEG, TIFF, PGM, PPM or BMP image.
+
+    The header comes first: more than 64 megapixels, or a side over 32 767 px, is refused before any pixel is decoded.
+    A PNG's checksums are all verified. Alpha is dropped, not blended. Palettes, CMYK, YCbCr and HSV become RGB; one
+    bit becomes 0 and 255. 16-bit grey stays 16-bit; 16-bit colour is reduced to 8 bits. Of several pages the first
+    is read. The EXIF orientation is not applied, since calibrations speak of the sensor's pixels.
+
+    Parameters
+    ----------
+    path : str or path
+        The image file.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) array
+        uint8, or uint16 for 16-bit grey; colour is RGB.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not an image, truncated, damaged, too large, or holds pixels that are not integers of
+        at most 16 bits.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_png(f"{folder}/grey.png", np.zeros((2, 3), np.uint16))
+    ...     read_image(f"{folder}/grey.png").shape
+    (2, 3)
+    """
+    with open_input(path, _EXPECTED) as handle:
+        try:
+            _check_png(handle)
+            with _quiet():
+                image = _open_header(handle)
+            _check_size(image.size)
+            with _quiet() if image.format == "TIFF" else contextlib.nullcontext():
+                image.load()
+            return _pixels(image)
+        except InputError as error:
+            raise bad_input(path, str(error), _EXPECTED) from error
+        except _DECODER_ERRORS as error:
+            raise bad_input(path, f"cannot be decoded ({reason_of(error)})", _EXPECTED) from error
+
+
+def write_png(path: PathLike, array: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write an array as PNG, whole or not at all; the same array gives the same bytes.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    array : (H, W) uint8 or uint16, or (H, W, 3) uint8
+        Grey values, or RGB.
+
+    Raises
+    ------
+    InputError
+        If the array has another shape or dtype, or no pixel.
+    OutputError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_png(f"{folder}/red.png", np.full((2, 2, 3), (255, 0, 0), np.uint8))
+    ...     read_image(f"{folder}/red.png")[0, 0].tolist()
+    [255, 0, 0]
+    """
+    from PIL import Image
+
+    pixels = np.ascontiguousarray(array)
+    grey = pixels.ndim == 2 and pixels.dtype in (np.uint8, np.uint16)
+    colour = pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.dtype == np.uint8
+    if not (grey or colour) or pixels.size == 0:
+        raise bad_input(
+            path, f"cannot hold a {pixels.dtype} array of shape {pixels.shape}", "grey uint8 or uint16, or RGB uint8"
+        )
+    encoded = io.BytesIO()
+    Image.fromarray(pixels).save(encoded, format="PNG", compress_level=6)
+    write_bytes(path, encoded.getvalue())
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    # The filters are global to the process: without the lock two threads could restore each other's.
+    with _quiet_lock, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _open_header(handle: BinaryIO) -> Image.Image:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        return Image.open(handle, formats=_FORMATS)
+    except UnidentifiedImageError as error:
+        raise InputError("is not an image, or its header is damaged") from error
+    except Image.DecompressionBombError as error:
+        raise InputError(f"has more than {LARGEST_AREA} px") from error
+
+
+def _check_size(size: tuple[int, int]) -> None:
+    width, height = size
+    if min(size) < 1 or max(size) > LARGEST_SIDE or width * height > LARGEST_AREA:
+        raise InputError(f"is {width} x {height} px, where 1 to {LARGEST_SIDE} a side and {LARGEST_AREA} in all go")
+
+
+def _check_png(handle: BinaryIO) -> None:
+    """Verify every chunk of a PNG up to its end mark; Pillow leaves out the pixels' checksums."""
+    size = handle.seek(0, io.SEEK_END)
+    handle.seek(0)
+    magic = handle.read(len(_PNG_MAGIC))
+    kind = b""
+    while magic == _PNG_MAGIC and kind != b"IEND":
+        header = handle.read(8)
+        if len(header) < 8:
+            raise InputError("is truncated")
+        length, kind = struct.unpack(">I4s", header)
+        if length + 4 > size - handle.tell():
+            raise InputError("is truncated")
+        body, checksum = handle.read(length), handle.read(4)
+        if zlib.crc32(kind + body).to_bytes(4, "big") != checksum:
+            raise InputError("has a wrong checksum")
+    handle.seek(0)
+
+
+def _pixels(image: Image.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    mode = image.mode
+    if mode in ("L", "RGB"):
+        return np.array(image)
+    if mode in ("RGBA", "RGBX"):
+        return np.ascontiguousarray(np.asarray(image)[..., :3])
+    if mode == "LA":
+        return np.array(image.getchannel("L"))
+    if mode == "I" or mode.startswith("I;16"):
+        return _grey16(np.asarray(image))
+    if mode == "F":
+        raise InputError("holds floating-point pixels")
+    image.info.pop("transparency", None)
+    if mode in ("1", "La"):
+        return np.array(image.convert("LA").getchannel("L") if mode == "La" else image.convert("L"))
+    if mode in ("RGBa", "PA"):
+        return np.ascontiguousarray(np.asarray(image.convert("RGBA"))[..., :3])
+    return np.array(image.convert("RGB"))
+
+
+def _grey16(values: NDArray[np.generic]) -> NDArray[np.uint16]:
+    wide = values.astype(np.int64)
+    if wide.size and (wide.min() < 0 or wide.max() > 65_535):
+        raise InputError(f"holds grey values from {wide.min()} to {wide.max()}, where 0 to 65535 go")
+    return wide.astype(np.uint16)

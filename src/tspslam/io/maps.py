@@ -1,0 +1,86 @@
+"""One frame as VTU and PLY: every vertex, edge and face with its signals, and the response at the vertices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import FloatArray, Response
+from .frames import FrameLike
+from .ply import write_ply
+from .vtu import write_vtu
+
+Columns = dict[str, NDArray[Any]]
+
+
+def write_maps(vtu: Path, ply: Path, frame: FrameLike) -> None:
+    """Write both files; see `write_map_vtu` and `write_map_ply`."""
+    write_map_vtu(vtu, frame)
+    write_map_ply(ply, frame)
+
+
+def write_map_vtu(path: Path, frame: FrameLike) -> None:
+    """Write a frame as VTU: lines and triangles, told apart by the integer cell array ``dim``.
+
+    Parameters
+    ----------
+    path : path
+        Where to.
+    frame : FrameLike
+        Cells carry ``luminance``, ``pixels`` and ``ok``; points also depth and the response (real, imaginary part,
+        magnitude, phase, defined).
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    signals = frame.signals
+    edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
+    face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
+    write_vtu(path, frame.complex_, frame.cloud.xyz, vertex=_vertex(frame), edge=edge, face=face)
+
+
+def write_map_ply(path: Path, frame: FrameLike) -> None:
+    """Write a frame as PLY: vertices and faces with their signals (edge signals break common readers: see VTU).
+
+    Parameters
+    ----------
+    path : path
+        Where to.
+    frame : FrameLike
+        Vertices also carry their luminance as grey ``red green blue``.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    grey = np.round(255 * np.clip(_mean(frame.signals.vertex), 0, 1)).astype(np.uint8)
+    vertex = dict.fromkeys(("red", "green", "blue"), grey) | _vertex(frame)
+    face = _level(frame.signals.face, frame.signals.face_ok)
+    write_ply(path, frame.cloud.xyz, frame.surface.faces, vertex=vertex, face=face)
+
+
+def _vertex(frame: FrameLike) -> Columns:
+    z = frame.response.z if frame.response.z.ndim == 1 else frame.response.z.mean(axis=1)
+    response = Response(z, frame.response.order, frame.response.defined)
+    return _level(frame.signals.vertex, frame.signals.vertex_ok) | {
+        "depth": frame.cloud.xyz[:, 2],
+        "response_real": np.ascontiguousarray(z.real),
+        "response_imaginary": np.ascontiguousarray(z.imag),
+        "magnitude": response.magnitude,
+        "phase": response.phase,
+        "defined": frame.response.defined.astype(np.uint8),
+    }
+
+
+def _level(values: FloatArray, ok: NDArray[np.bool_]) -> Columns:
+    return {"luminance": _mean(values), "ok": ok.astype(np.uint8)}
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    return values if values.ndim == 1 else values.mean(axis=1)

@@ -1,0 +1,349 @@
+"""The folder that a run fills: settings, finished units, results; one run at a time, resumed where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..errors import InputError, OutputError
+from . import _config
+from ._files import PathLike, bad_input, one_line, read_bytes
+from .atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, write_bytes
+from .lock import LOCK_NAME, FolderLock
+from .manifest import Unit, append_unit, read_manifest, sha256_file
+from .trajectory import write_kitti, write_tum
+
+_CONFIG = "config.yaml"
+_EXPECTED = "an empty or new folder, or a run folder of ours"
+
+
+class RunFolder:
+    """The folder of one run. Make or resume it with `create`, look into it with `open`; use it in a ``with`` block.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    config : dict
+        The settings, plain.
+    config_hash : str
+        Their SHA-256.
+    units : dict
+        Finished units by name.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with RunFolder.create(f"{folder}/run", {"detector": "orb"}) as run:
+    ...         _ = run.frame_path(0).write_bytes(b"a frame")
+    ...         _ = run.record(run.frame_path(0), input_hash="of the pair")
+    ...     with RunFolder.create(f"{folder}/run", {"detector": "orb"}) as run:
+    ...         run.is_done(run.frame_path(0), input_hash="of the pair")
+    True
+    """
+
+    def __init__(self, path: Path, config: Mapping[str, Any], lock: FolderLock | None) -> None:
+        self.path = path
+        self.config = config
+        self.config_hash = _config.hash_of(config)
+        self._lock = lock
+        self._manifest = path / "manifest.jsonl"
+        self.units, self._size = read_manifest(self._manifest)
+
+    @classmethod
+    def create(cls, path: PathLike, config: Mapping[str, Any]) -> RunFolder:
+        """Make a run folder, or resume one of the same settings, and lock it.
+
+        Parameters
+        ----------
+        path : str or path
+            The folder; missing, empty, or a run folder.
+        config : dict
+            The settings: nested dicts, lists, text, finite numbers, booleans, None.
+
+        Returns
+        -------
+        RunFolder
+            Locked until it is closed; a last line torn off the manifest and abandoned temporary files are gone.
+
+        Raises
+        ------
+        InputError
+            If the folder holds something else, a run of other settings (each differing key is named), or a run that
+            is still going on.
+        OutputError
+            If the folder cannot be made or written.
+        """
+        folder, settings = Path(path), _config.plain(config)
+        if not isinstance(settings, dict):
+            raise InputError(f"config is {type(config).__name__}, expected a mapping")
+        _refuse_foreign(folder)
+        _make(folder)
+        lock = FolderLock(folder)
+        try:
+            _settle_config(folder, settings)
+            for part in ("frames", "pictures"):
+                _make(folder / part)
+            _sweep(folder)
+            run = cls(folder, settings, lock)
+            run._cut_torn_line()
+        except BaseException:
+            lock.release()
+            raise
+        return run
+
+    @classmethod
+    def open(cls, path: PathLike) -> RunFolder:
+        """Open an existing run folder for reading; no lock is taken and nothing is written.
+
+        Parameters
+        ----------
+        path : str or path
+            The run folder.
+
+        Returns
+        -------
+        RunFolder
+            Its writing methods raise `OutputError`.
+
+        Raises
+        ------
+        InputError
+            If it is not a run folder of ours, or damaged.
+        """
+        folder = Path(path)
+        if not _is_ours(folder):
+            raise bad_input(path, f"holds no {_CONFIG} of a run", "a run folder of ours")
+        return cls(folder, _read_config(folder), None)
+
+    def close(self) -> None:
+        """Let go of the lock; a second call does nothing."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def frame_path(self, index: int) -> Path:
+        """Return where the frame of that index goes."""
+        return self.path / "frames" / f"{index:06d}.npz"
+
+    def picture_path(self, name: str) -> Path:
+        """Return where the picture of that name (one word, without suffix) goes."""
+        if not name or not all(character.isalnum() or character in "-_" for character in name):
+            raise InputError(one_line(f"picture is called {name!r}; expected letters, digits, - and _"))
+        return self.path / "pictures" / f"{name}.png"
+
+    @property
+    def report_path(self) -> Path:
+        """Where the report goes."""
+        return self.path / "report.html"
+
+    @property
+    def map_vtu_path(self) -> Path:
+        """Where the map goes as VTU."""
+        return self.path / "map.vtu"
+
+    @property
+    def map_ply_path(self) -> Path:
+        """Where the map goes as PLY."""
+        return self.path / "map.ply"
+
+    def record(self, path: PathLike, *, input_hash: str) -> Unit:
+        """Note in the manifest that a file of this folder is finished.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, written and closed.
+        input_hash : str
+            Hash of what it was made from.
+
+        Returns
+        -------
+        Unit
+            The line that was appended.
+
+        Raises
+        ------
+        InputError
+            If the file is not in this folder, or cannot be read.
+        OutputError
+            If the manifest cannot be written.
+        """
+        self._writable(self._manifest)
+        name = self._name(path)
+        unit = Unit(name, sha256_file(path), os.path.getsize(path), input_hash, self.config_hash)
+        append_unit(self._manifest, unit)
+        self.units[name] = unit
+        return unit
+
+    def is_done(self, path: PathLike, *, input_hash: str) -> bool:
+        """Whether a file is noted as finished from that input with these settings, and is still what it was.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        input_hash : str
+            Hash of what it would be made from.
+
+        Returns
+        -------
+        bool
+            False also when the file is missing or was changed.
+        """
+        unit = self.units.get(self._name(path))
+        if unit is None or (unit.input, unit.config) != (input_hash, self.config_hash):
+            return False
+        target = Path(path)
+        if not target.is_file() or target.stat().st_size != unit.bytes or unit.bytes == 0:
+            return False
+        return sha256_file(target) == unit.sha256
+
+    def write_run(self, values: Mapping[str, Any]) -> None:
+        """Write ``run.json``: what the run found; nothing in it may differ when the run is repeated."""
+        self._write_json("run.json", values)
+
+    def write_timings(self, values: Mapping[str, Any]) -> None:
+        """Write ``timings.json``, the only place for what varies from run to run."""
+        self._write_json("timings.json", values)
+
+    def read_run(self) -> dict[str, Any]:
+        """Return what ``run.json`` holds; `InputError` if it is missing or damaged."""
+        return self._read_json("run.json")
+
+    def read_timings(self) -> dict[str, Any]:
+        """Return what ``timings.json`` holds; `InputError` if it is missing or damaged."""
+        return self._read_json("timings.json")
+
+    def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> None:
+        """Write ``trajectory.tum`` and ``trajectory.kitti.txt``.
+
+        Parameters
+        ----------
+        stamp : (T,) array
+            Times, s.
+        T_world_camera : (T, 4, 4) array
+            Poses, camera to world, m.
+        """
+        tum = self.path / "trajectory.tum"
+        self._writable(tum)
+        write_tum(tum, stamp, T_world_camera)
+        write_kitti(self.path / "trajectory.kitti.txt", T_world_camera)
+
+    def _write_json(self, name: str, values: Mapping[str, Any]) -> None:
+        target = self.path / name
+        self._writable(target)
+        try:
+            text = json.dumps(values, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False)
+            data = (text + "\n").encode("utf-8")
+        except (TypeError, ValueError, RecursionError) as error:
+            raise bad_input(target, f"cannot hold these values ({error})", "plain JSON, no NaN") from error
+        write_bytes(target, data)
+
+    def _read_json(self, name: str) -> dict[str, Any]:
+        target = self.path / name
+        try:
+            values = json.loads(read_bytes(target, "a JSON object"))
+        except (ValueError, RecursionError) as error:
+            raise bad_input(target, f"is not JSON ({error})", "a JSON object") from error
+        if not isinstance(values, dict):
+            raise bad_input(target, f"holds a {type(values).__name__}", "a JSON object")
+        return values
+
+    def _name(self, path: PathLike) -> str:
+        try:
+            return Path(path).resolve().relative_to(self.path.resolve()).as_posix()
+        except (OSError, ValueError) as error:
+            raise bad_input(path, "is not in this run folder", f"a file below {self.path}") from error
+
+    def _writable(self, target: Path) -> None:
+        if self._lock is None:
+            raise OutputError(one_line(f"{target}: the run folder is open for reading only; expected a created one"))
+
+    def _cut_torn_line(self) -> None:
+        try:
+            if self._manifest.exists() and self._manifest.stat().st_size > self._size:
+                with open(self._manifest, "r+b") as handle:
+                    handle.truncate(self._size)
+                    os.fsync(handle.fileno())
+        except OSError as error:
+            raise bad_output(self._manifest, error) from error
+
+
+def _is_ours(folder: Path) -> bool:
+    try:
+        with open(folder / _CONFIG, "rb") as handle:
+            return handle.readline(len(_config.MARK) + 2).replace(b"\r\n", b"\n") == _config.MARK.encode("ascii")
+    except (OSError, ValueError):
+        return False
+
+
+def _refuse_foreign(folder: Path) -> None:
+    try:
+        names = os.listdir(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        raise bad_output(folder, error) from error
+    # An interrupted start leaves no more than these.
+    alien = [name for name in names if name != LOCK_NAME and not _is_temporary(name)]
+    if alien and not _is_ours(folder):
+        raise bad_input(folder, f"holds {sorted(alien)[0]!r} and no {_CONFIG} of a run", _EXPECTED)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise bad_output(folder, error) from error
+
+
+def _read_config(folder: Path) -> dict[str, Any]:
+    data = read_bytes(folder / _CONFIG, "the settings of a run")
+    try:
+        config = _config.load(data)
+    except InputError as error:
+        raise bad_input(folder / _CONFIG, str(error), "the settings of a run") from error
+    if not isinstance(config, dict):
+        raise bad_input(folder / _CONFIG, "is no mapping", "the settings of a run")
+    return config
+
+
+def _settle_config(folder: Path, config: dict[str, Any]) -> None:
+    """Write the settings into a new folder; hold them against those of an old one."""
+    if not _is_ours(folder):
+        write_bytes(folder / _CONFIG, _config.dump(config))
+        return
+    lines = _config.differences(_read_config(folder), config)
+    if lines:
+        raise bad_input(folder, "; ".join(lines), "the settings of the run in it, or another folder")
+
+
+def _is_temporary(name: str) -> bool:
+    return name.startswith(TEMPORARY_PREFIX) and name.endswith(TEMPORARY_SUFFIX)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove the temporary files of a run that was killed."""
+    try:
+        for part in (folder, folder / "frames", folder / "pictures"):
+            for entry in part.iterdir():
+                if _is_temporary(entry.name):
+                    entry.unlink()
+    except OSError as error:
+        raise bad_output(folder, error) from error

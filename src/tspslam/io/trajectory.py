@@ -1,0 +1,131 @@
+"""Camera paths as text: the TUM and KITTI forms."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..types import FloatArray
+from ._files import PathLike, bad_input
+from .atomic import write_bytes
+
+_ORTHONORMAL = 1e-6
+
+
+def write_tum(path: PathLike, stamp: ArrayLike, T_world_camera: ArrayLike) -> None:
+    r"""Write a trajectory in TUM's form: ``stamp tx ty tz qx qy qz qw`` a line, with qw >= 0.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    stamp : (T,) array
+        Times, s.
+    T_world_camera : (T, 4, 4) array
+        Poses, camera to world, m.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a value is not finite, or a matrix is not a rigid motion.
+    OutputError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_tum(f"{folder}/a.tum", [0.5], np.eye(4)[None])
+    ...     Path(folder, "a.tum").read_text()
+    '0.5 0.0 0.0 0.0 0.0 0.0 0.0 1.0\n'
+    """
+    times, poses = _checked(path, stamp, T_world_camera)
+    table = np.column_stack([times, poses[:, :3, 3], quaternions(poses[:, :3, :3])])
+    write_bytes(path, _text(table))
+
+
+def write_kitti(path: PathLike, T_world_camera: ArrayLike) -> None:
+    r"""Write a trajectory in KITTI's form: the upper three rows of each pose, row by row, a pose a line.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write.
+    T_world_camera : (T, 4, 4) array
+        Poses, camera to world, m.
+
+    Raises
+    ------
+    InputError
+        If the shape does not fit, a value is not finite, or a matrix is not a rigid motion.
+    OutputError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_kitti(f"{folder}/a.txt", np.eye(4)[None])
+    ...     Path(folder, "a.txt").read_text()
+    '1.0 0.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 0.0 1.0 0.0\n'
+    """
+    _, poses = _checked(path, np.zeros(np.shape(T_world_camera)[:1]), T_world_camera)
+    write_bytes(path, _text(poses[:, :3].reshape(-1, 12)))
+
+
+def quaternions(R: FloatArray) -> FloatArray:
+    """Return unit quaternions (x, y, z, w), w >= 0, of rotation matrices.
+
+    Each is the largest column of 4qqᵀ, which the matrix gives without a branch that loses digits.
+
+    Parameters
+    ----------
+    R : (T, 3, 3) float64
+        Rotations.
+
+    Returns
+    -------
+    (T, 4) float64
+        The quaternions.
+
+    Examples
+    --------
+    >>> quaternions(np.diag([1.0, -1.0, -1.0])[None]).tolist()
+    [[1.0, 0.0, 0.0, 0.0]]
+    """
+    xx, yy, zz = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
+    xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
+    xw, yw, zw = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
+    outer = np.array(
+        [
+            [1 + xx - yy - zz, xy, xz, xw],
+            [xy, 1 - xx + yy - zz, yz, yw],
+            [xz, yz, 1 - xx - yy + zz, zw],
+            [xw, yw, zw, 1 + xx + yy + zz],
+        ]
+    ).transpose(2, 0, 1)
+    largest = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
+    q = outer[np.arange(len(R)), largest]
+    q = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return np.where(q[:, 3:] < 0, -q, q) + 0.0
+
+
+def _checked(path: PathLike, stamp: ArrayLike, T_world_camera: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    times, poses = np.asarray(stamp, np.float64), np.asarray(T_world_camera, np.float64)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or times.shape != poses.shape[:1]:
+        raise bad_input(path, f"stamp has shape {times.shape}, T_world_camera {poses.shape}", "(T,) and (T, 4, 4)")
+    if not (np.isfinite(times).all() and np.isfinite(poses).all()):
+        raise bad_input(path, "the trajectory holds a value that is not finite", "finite numbers")
+    R = poses[:, :3, :3]
+    error = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    bad = np.flatnonzero((error > _ORTHONORMAL) | (np.linalg.det(R) < 0) | (poses[:, 3] != [0, 0, 0, 1]).any(axis=1))
+    if bad.size:
+        raise bad_input(path, f"pose {bad[0]} is not a rigid motion", "rotations, and 0 0 0 1 in the last row")
+    return times, poses
+
+
+def _text(table: FloatArray) -> bytes:
+    # Adding 0 turns -0 into 0; repr gives the shortest text that reads back exactly.
+    return "".join(" ".join(map(repr, row)) + "\n" for row in (table + 0.0).tolist()).encode("ascii")

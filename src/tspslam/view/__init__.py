@@ -1,0 +1,28 @@
+"""Looking at results: pictures of a frame and a report that needs nothing but a browser.
+
+Names are loaded when they are first used, so importing this package does not import matplotlib or plotly.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ._frame import FrameView as FrameView
+    from .pictures import write_pictures as write_pictures
+    from .report import write_report as write_report
+
+_HOME = {"FrameView": "_frame", "write_pictures": "pictures", "write_report": "report"}
+
+__all__ = ["FrameView", "write_pictures", "write_report"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -1,0 +1,236 @@
+"""What is shown of a frame: depth, luminance, log magnitude and phase, each with a mask of where it exists."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, OutputError
+from ..topology.complex import Complex
+from ..types import BoolArray, Cloud, FloatArray, Image, Response, Signals, Surface
+
+LIGHTNESS, CHROMA = 0.74, 0.125  # of the phase circle in OKLCh: vivid, and inside sRGB at every hue
+CLIP_PERCENT = (1.0, 99.0)
+CLIP_MARGIN = 0.25  # of the kept range: a torus keeps its rim, a stray point at 500 m does not set the view
+
+
+class FrameView(Protocol):
+    """One frame of a run, as the pictures and the report need it; any object with these attributes will do."""
+
+    @property
+    def name(self) -> str:
+        """What to call the frame."""
+
+    @property
+    def image(self) -> Image:
+        """Left image, (H, W) or (H, W, 3)."""
+
+    @property
+    def cloud(self) -> Cloud:
+        """The points."""
+
+    @property
+    def surface(self) -> Surface:
+        """Their triangles."""
+
+    @property
+    def complex_(self) -> Complex:
+        """The complex on them."""
+
+    @property
+    def signals(self) -> Signals:
+        """What the image shows on each element."""
+
+    @property
+    def response(self) -> Response:
+        """What the filter answers at each vertex."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Values of one level of a complex, and where they exist.
+
+    Attributes
+    ----------
+    values : (n,) float64
+        0 where there is none.
+    ok : (n,) bool
+        Where there is one.
+    """
+
+    values: FloatArray
+    ok: BoolArray
+
+
+def check_frame(frame: FrameView) -> None:
+    """Refuse a frame whose parts do not belong together.
+
+    Raises
+    ------
+    InputError
+        If the image is empty or not an image, or lengths differ.
+    """
+    shape = np.shape(frame.image)
+    if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
+        raise InputError(f"view: frame {frame.name!r} has an image of shape {shape}, expected (H, W) or (H, W, 3)")
+    n, E, F = len(frame.cloud), len(frame.complex_.edges), len(frame.complex_.faces)
+    signals = frame.signals
+    lengths = {
+        "complex_.n": (frame.complex_.n, n),
+        "signals.vertex": (len(signals.vertex), n),
+        "signals.edge": (len(signals.edge), E),
+        "signals.face": (len(signals.face), F),
+        "response.z": (len(frame.response.z), n),
+    }
+    for what, (seen, expected) in lengths.items():
+        if seen != expected:
+            raise InputError(f"view: frame {frame.name!r} has {what} of length {seen}, expected {expected}")
+
+
+def grey(image: Image) -> FloatArray:
+    """Luminance of an image for display, (H, W) in [0, 1]; values that are not finite become 0."""
+    unit = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}.get(image.dtype, 1.0)
+    levels = np.nan_to_num(image.astype(np.float64) * unit, nan=0.0, posinf=1.0, neginf=0.0)
+    if levels.ndim == 3:
+        levels = levels[..., 0] if levels.shape[2] == 1 else levels[..., :3] @ [0.299, 0.587, 0.114]
+    return np.clip(levels, 0, 1)
+
+
+def one_channel(signal: FloatArray) -> FloatArray:
+    """Take the mean over the channels of an (n,) or (n, C) signal, (n,)."""
+    return signal if signal.ndim == 1 else signal.mean(axis=1)
+
+
+def is_colour(signal: FloatArray) -> bool:
+    """Whether a signal has three channels, which are shown as red, green and blue."""
+    return signal.ndim == 2 and signal.shape[1] == 3
+
+
+def projected(frame: FrameView) -> BoolArray:
+    """(N,) where a vertex has a place in the image and a depth in front of the camera."""
+    finite = np.isfinite(frame.cloud.uv).all(axis=1) & np.isfinite(frame.cloud.xyz).all(axis=1)
+    return finite & (np.where(finite, frame.cloud.xyz[:, 2], 0.0) > 0)
+
+
+def depth(frame: FrameView) -> Shown:
+    """Depth z of each vertex, m."""
+    ok = projected(frame)
+    return Shown(np.where(ok, frame.cloud.xyz[:, 2], 0.0), ok)
+
+
+def log_magnitude(frame: FrameView) -> tuple[Shown, int]:
+    """``log10 |r|`` of each vertex where r is defined and not 0, and the number of vertices where it is exactly 0.
+
+    The filter is linear, so the mean over channels is the response to the mean signal.
+    """
+    magnitude = np.abs(_response(frame))
+    defined = frame.response.defined & np.isfinite(magnitude)
+    ok = defined & (magnitude > 0)
+    return Shown(np.log10(np.where(ok, magnitude, 1.0)), ok), int((defined & (magnitude == 0)).sum())
+
+
+def phase(frame: FrameView) -> Shown:
+    """``arg r`` of each vertex where r is defined and not 0, in (-π, π], rad."""
+    z = _response(frame)
+    ok = frame.response.defined & np.isfinite(z) & (z != 0)
+    return Shown(_angle(np.where(ok, z, 1.0)), ok)
+
+
+def _response(frame: FrameView) -> NDArray[np.complex128]:
+    z = frame.response.z
+    return z if z.ndim == 1 else z.mean(axis=1)
+
+
+def _angle(z: NDArray[np.complex128]) -> FloatArray:
+    angle = np.angle(z)
+    return np.where(angle == -np.pi, np.pi, angle)
+
+
+def on_faces(faces: NDArray[np.int32], at_vertices: Shown) -> Shown:
+    """Mean of each face over those of its vertices that have a value."""
+    count = at_vertices.ok[faces].sum(axis=1)
+    total = np.where(at_vertices.ok, at_vertices.values, 0.0)[faces].sum(axis=1)
+    return Shown(total / np.maximum(count, 1), count > 0)
+
+
+def phase_on_faces(faces: NDArray[np.int32], at_vertices: Shown) -> Shown:
+    """Circular mean of the phase of each face: the direction of the sum of its vertices' unit phasors."""
+    units = np.where(at_vertices.ok, np.exp(1j * at_vertices.values), 0.0)
+    total = units[faces].sum(axis=1)
+    ok = np.abs(total) > 1e-9
+    return Shown(np.where(ok, _angle(total), 0.0), ok)
+
+
+def limits(values: FloatArray, low: float = 1.0, high: float = 99.0) -> tuple[float, float]:
+    """Choose a colour range: two percentiles of the values, a little around a single value, (0, 1) for none."""
+    if not len(values):
+        return 0.0, 1.0
+    bottom, top = (float(x) for x in np.percentile(values, [low, high]))
+    least = max(1e-3 * max(abs(bottom), abs(top)), 1e-9)
+    return (bottom, top) if top - bottom > least else (bottom - least, top + least)
+
+
+def in_view(frame: FrameView) -> BoolArray:
+    """Mark the vertices, (N,), that a view in space shows: in the 1-99 % range of each axis, a quarter wider."""
+    keep = projected(frame)
+    if keep.any():
+        xyz = np.where(keep[:, None], frame.cloud.xyz, 0.0)
+        low, high = np.percentile(xyz[keep], CLIP_PERCENT, axis=0)
+        margin = CLIP_MARGIN * (high - low) + 1e-9
+        keep &= ((xyz >= low - margin) & (xyz <= high + margin)).all(axis=1)
+    return keep
+
+
+def phase_colours(count: int) -> FloatArray:
+    """Make a cyclic colour map, (count, 3) sRGB in [0, 1]: the hue circle of OKLCh at one lightness, from -π to π.
+
+    Equal steps of phase look equally large, and no phase looks brighter than another, as it would in HSV.
+    """
+    hue = np.linspace(-np.pi, np.pi, count) + np.deg2rad(250)
+    a, b = CHROMA * np.cos(hue), CHROMA * np.sin(hue)
+    lms = np.stack(
+        [
+            LIGHTNESS + 0.3963377774 * a + 0.2158037573 * b,
+            LIGHTNESS - 0.1055613458 * a - 0.0638541728 * b,
+            LIGHTNESS - 0.0894841775 * a - 1.2914855480 * b,
+        ]
+    )
+    to_rgb = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip(to_rgb @ lms**3, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055).T
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write a file to a temporary name beside it, flush, fsync, rename.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made or the file not be written; the old file, if any, is untouched.
+    """
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise OutputError(f"view: could not write {path}: {error.strerror or error}") from error

@@ -1,0 +1,255 @@
+"""The mesh of a frame as an interactive scene: one set of traces for each signal, all in one plotly figure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from ..types import BoolArray, FloatArray
+from ._frame import (
+    FrameView,
+    Shown,
+    depth,
+    in_view,
+    limits,
+    log_magnitude,
+    on_faces,
+    one_channel,
+    phase,
+    phase_colours,
+    phase_on_faces,
+)
+
+MOST_FACES, MOST_EDGES = 150_000, 60_000  # beyond these a browser crawls: every k-th is shown, and the page says so
+GREYS = [[0.0, "#101215"], [1.0, "#ffffff"]]
+BARE, INK, GRID = "#8d97a3", "#7d8894", "#a9b3bd"  # legible on a light and on a dark page
+CENTRE = {"x": -0.04, "y": 0.0, "z": -0.16}
+LIGHTING = {"ambient": 0.74, "diffuse": 0.34, "specular": 0.0, "roughness": 1.0, "fresnel": 0.0} | {
+    "facenormalsepsilon": 0.0,
+    "vertexnormalsepsilon": 0.0,
+}
+LIGHT = {"x": -40000.0, "y": -90000.0, "z": 55000.0}
+EYE = {"x": -0.66, "y": -1.3, "z": 0.4}  # behind the camera, to its left, above it
+
+Trace = Any  # go.Mesh3d or go.Scatter3d
+
+
+@dataclass(frozen=True)
+class View:
+    """What one button shows.
+
+    Attributes
+    ----------
+    label : str
+        The button's words.
+    traces : tuple of traces
+        Shown together while the button is pressed.
+    """
+
+    label: str
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """The part of a frame's mesh that is shown: vertices in plotly's axes, faces into them."""
+
+    xyz: NDArray[np.float32]  # x right, z forward, -y up
+    vertices: NDArray[np.int64]  # rows of the cloud
+    faces: NDArray[np.int32]  # into `vertices`
+    rows: NDArray[np.int64]  # rows of the complex's faces
+
+
+def scene_views(frame: FrameView) -> list[View]:
+    """Build the traces of each signal; without faces there are dots, without points there is no view."""
+    keep = in_view(frame)
+    if not keep.any():
+        return []
+    mesh = _mesh(frame, keep)
+    views = _face_views(frame, mesh) if len(mesh.faces) else _dot_views(frame, mesh)
+    edges = _edge_view(frame, keep)
+    return [*views[:2], edges, *views[2:]] if edges else views
+
+
+def scene_figure(views: list[View]) -> go.Figure:
+    """Put every trace in one figure, the first view's visible, upright, with equal axes."""
+    traces = [trace for view in views for trace in view.traces]
+    for number, trace in enumerate(traces):
+        trace.visible = number < len(views[0].traces)
+    axis = {
+        "showbackground": False,
+        "gridcolor": GRID,
+        "gridwidth": 1,
+        "zeroline": False,
+        "showspikes": False,
+        "nticks": 7,
+    }
+    names = {"xaxis": "x right [m]", "yaxis": "z forward [m]", "zaxis": "−y up [m]"}
+    scene = {key: {**axis, "title": {"text": name}} for key, name in names.items()}
+    layout = go.Layout(
+        scene={**scene, "aspectmode": "data", "camera": {"eye": EYE, "center": CENTRE}, "dragmode": "turntable"},
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        paper_bgcolor="rgba(0,0,0,0)",
+        font={"color": INK, "size": 12, "family": "system-ui, sans-serif"},
+        showlegend=False,
+        template=go.layout.Template(),
+    )
+    return go.Figure(traces, layout)
+
+
+def thinned(frame: FrameView) -> str:
+    """Say what the interactive scene leaves out, for its caption; empty if nothing."""
+    keep = in_view(frame)
+    hidden = int((~keep).sum())
+    words = f" {hidden} far or unseen points are not shown." if hidden else ""
+    for what, elements, most in (
+        ("face", frame.complex_.faces, MOST_FACES),
+        ("edge", frame.complex_.edges, MOST_EDGES),
+    ):
+        step = _step(int(keep[elements].all(axis=1).sum()), most)
+        words += f" Only one {what} in {step} is shown." if step > 1 else ""
+    return words
+
+
+def _step(count: int, most: int) -> int:
+    return max(1, -(-count // most))
+
+
+def _mesh(frame: FrameView, keep: BoolArray) -> _Mesh:
+    faces = frame.complex_.faces
+    rows = np.flatnonzero(keep[faces].all(axis=1))
+    rows = rows[:: _step(len(rows), MOST_FACES)]
+    vertices = np.unique(faces[rows]).astype(np.int64) if len(rows) else np.flatnonzero(keep)
+    renumbered = np.searchsorted(vertices, faces[rows]).astype(np.int32)
+    xyz = frame.cloud.xyz[vertices]
+    return _Mesh(_upright(xyz), vertices, _towards_camera(xyz, renumbered), rows)
+
+
+def _towards_camera(xyz: FloatArray, faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Wind every face the same way as the camera sees it, so that neighbours are lit alike."""
+    a, b, c = (xyz[faces[:, k]] for k in range(3))
+    away = (np.cross(b - a, c - a) * a).sum(axis=1) > 0
+    return np.where(away[:, None], faces[:, [0, 2, 1]], faces)
+
+
+def _upright(xyz: FloatArray) -> NDArray[np.float32]:
+    return np.stack([xyz[:, 0], xyz[:, 2], -xyz[:, 1]], axis=1).astype(np.float32)
+
+
+def _levels(frame: FrameView) -> list[tuple[str, str, Shown, Any]]:
+    """Label, unit, values at the vertices, and colour scale of what vertices carry."""
+    luminance = Shown(one_channel(frame.signals.vertex), frame.signals.vertex_ok)
+    cyclic = ["#" + "".join(f"{c:02x}" for c in rgb) for rgb in np.rint(255 * phase_colours(25)).astype(int)]
+    return [
+        ("Vertex signal", "luminance", luminance, GREYS),
+        ("Depth", "z [m]", depth(frame), "Viridis"),
+        ("Magnitude", "log₁₀ |r|", log_magnitude(frame)[0], "Inferno"),
+        ("Phase", "arg r [rad]", phase(frame), cyclic),
+    ]
+
+
+def _face_views(frame: FrameView, mesh: _Mesh) -> list[View]:
+    faces = frame.complex_.faces
+    luminance = Shown(one_channel(frame.signals.face), frame.signals.face_ok)
+    views = [View("Face signal", _coloured(mesh, luminance, "luminance", GREYS))]
+    for label, unit, shown, scale in _levels(frame):
+        if label == "Vertex signal":
+            views.append(View(label, _smooth(mesh, shown, unit, scale)))
+        else:
+            at_faces = (phase_on_faces if label == "Phase" else on_faces)(faces, shown)
+            views.append(View(label, _coloured(mesh, at_faces, unit, scale)))
+    return views
+
+
+def _coloured(mesh: _Mesh, at_faces: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
+    """Faces in one colour each; those without a value in plain grey."""
+    values, ok = at_faces.values[mesh.rows], at_faces.ok[mesh.rows]
+    traces = []
+    if ok.any():
+        traces.append(_trace(mesh, mesh.faces[ok], values[ok], "cell", unit, scale))
+    if not ok.all():
+        traces.append(_bare(mesh, mesh.faces[~ok]))
+    return tuple(traces)
+
+
+def _smooth(mesh: _Mesh, at_vertices: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
+    """Faces shaded between their vertices; those with a vertex without a value in plain grey."""
+    values, ok = at_vertices.values[mesh.vertices], at_vertices.ok[mesh.vertices][mesh.faces].all(axis=1)
+    traces = []
+    if ok.any():
+        traces.append(_trace(mesh, mesh.faces[ok], values, "vertex", unit, scale))
+    if not ok.all():
+        traces.append(_bare(mesh, mesh.faces[~ok]))
+    return tuple(traces)
+
+
+def _trace(mesh: _Mesh, faces: NDArray[np.int32], values: FloatArray, mode: str, unit: str, scale: Any) -> Trace:
+    low, high = _range(values, unit)
+    return go.Mesh3d(
+        **_geometry(mesh, faces),
+        intensity=values.astype(np.float32),
+        intensitymode=mode,
+        colorscale=scale,
+        cmin=low,
+        cmax=high,
+        colorbar=_colour_bar(unit),
+        hoverinfo="x+y+z",
+    )
+
+
+def _bare(mesh: _Mesh, faces: NDArray[np.int32]) -> Trace:
+    return go.Mesh3d(**_geometry(mesh, faces), color=BARE, opacity=0.4, hoverinfo="skip")
+
+
+def _geometry(mesh: _Mesh, faces: NDArray[np.int32]) -> dict[str, Any]:
+    x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz.T)
+    i, j, k = (np.ascontiguousarray(c) for c in faces.T)
+    return {"x": x, "y": y, "z": z, "i": i, "j": j, "k": k, "flatshading": True, "lighting": LIGHTING, "lightposition": LIGHT}
+
+
+def _range(values: FloatArray, unit: str) -> tuple[float, float]:
+    if unit == "arg r [rad]":
+        return -np.pi, np.pi
+    return (0.0, 1.0) if unit == "luminance" else limits(values)
+
+
+def _colour_bar(unit: str) -> dict[str, Any]:
+    title = {"text": unit, "side": "right"}
+    bar: dict[str, Any] = {"title": title, "thickness": 12, "len": 0.7, "outlinewidth": 0, "x": 1}
+    if unit == "arg r [rad]":
+        ticks = [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi]
+        bar |= {"tickvals": ticks, "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
+    return bar
+
+
+def _dot_views(frame: FrameView, mesh: _Mesh) -> list[View]:
+    views = []
+    for label, unit, shown, scale in _levels(frame):
+        ok = shown.ok[mesh.vertices]
+        values = shown.values[mesh.vertices][ok]
+        if len(values):
+            low, high = _range(values, unit)
+            marker = {"size": 3, "color": values.astype(np.float32), "colorscale": scale, "cmin": low, "cmax": high}
+            marker |= {"colorbar": _colour_bar(unit)}
+            x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz[ok].T)
+            views.append(View(label, (go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hoverinfo="x+y+z"),)))
+    return views
+
+
+def _edge_view(frame: FrameView, keep: BoolArray) -> View | None:
+    """Edges with a signal, as lines in its colour."""
+    signals, edges = frame.signals, frame.complex_.edges
+    rows = np.flatnonzero(signals.edge_ok & keep[edges].all(axis=1))
+    if not len(rows):
+        return None
+    rows = rows[:: _step(int(keep[edges].all(axis=1).sum()), MOST_EDGES)]
+    ends = _upright(frame.cloud.xyz[edges[rows].ravel()]).reshape(-1, 2, 3)
+    x, y, z = ([c for a, b in ends[:, :, axis].tolist() for c in (a, b, None)] for axis in range(3))
+    values = np.repeat(one_channel(signals.edge)[rows], 3).astype(np.float32)
+    line = {"color": values, "colorscale": "Viridis", "cmin": 0.0, "cmax": 1.0, "width": 3}
+    line |= {"colorbar": _colour_bar("luminance")}
+    return View("Edge signal", (go.Scatter3d(x=x, y=y, z=z, mode="lines", line=line, hoverinfo="skip"),))

@@ -1,0 +1,284 @@
+"""The report of a run: one HTML page with its numbers, the mesh to turn, and the pictures; no request is made."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from .. import __version__
+from ..errors import InputError
+from ._frame import FrameView, check_frame, write_atomic
+from ._page import SCRIPT, STYLE
+
+CITATION = (
+    "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
+)
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
+)
+LONG_TABLE = 14  # rows; longer ones are folded
+FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
+UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
+CAPTIONS = {
+    "keypoints": (
+        "Keypoints by class of depth",
+        "Where the left image was matched to the right one. Colour is the depth z of the triangulated point: blue "
+        "below 8 m, green to 30 m, yellow to 60 m, red beyond (Figure 4).",
+    ),
+    "keypoints_depth": (
+        "Keypoints by depth",
+        "The same keypoints on a continuous scale, since nearly all of them fall in one class.",
+    ),
+    "mesh_depth": (
+        "Mesh by depth",
+        "The surface over the image. Each face has the mean depth of its three vertices; gaps are where depth jumps.",
+    ),
+    "signals": (
+        "Edge and face signals",
+        "Squares stand at the barycentres of edges, circles at those of faces; colour is the mean over the pixels of "
+        "the edge, eq. (5), or of the face, eq. (6) (Figure 6).",
+    ),
+    "magnitude": (
+        "Response magnitude",
+        "log₁₀ of |r|, eqs (12) and (19)-(22): large where luminance changes across the neighbourhood of a vertex, "
+        "small where it is flat (Figure 9, top).",
+    ),
+    "phase": (
+        "Response phase",
+        "arg r, eqs (12) and (19)-(22), on a cyclic scale: the direction of that change in the image, v pointing down. "
+        "For order 1 an arrow points from dark to bright (Figure 9, bottom).",
+    ),
+    "view3d_signal": (
+        "Mesh and face signal in space",
+        "The mesh seen from the side, each face in the mean of its pixels, eq. (6).",
+    ),
+    "view3d_magnitude": (
+        "Mesh and response magnitude in space",
+        "The same view, each face in the mean log₁₀ |r| of its vertices.",
+    ),
+}
+
+
+def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Path], path: str | Path) -> Path:
+    """Write a report as one HTML file that loads nothing from anywhere.
+
+    It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. A
+    content security policy in the page forbids every request. The same input gives the same bytes.
+
+    Parameters
+    ----------
+    frame : FrameView
+        The frame to show; of several, the selected one. Signals and responses with channels show their mean.
+    run : mapping
+        Numbers of the run. Plain values become rows of one table, a mapping a table of its own, a list of mappings a
+        table with a row each (such as one row a frame); ``warnings``, a list of ``{"code", "message"}`` or strings,
+        stands on top.
+    pictures : sequence of Path
+        What `write_pictures` returned, or any other images.
+    path : path
+        The HTML file.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    InputError
+        If the parts of the frame do not belong together, or a picture is not an image that can be read.
+    OutputError
+        If the file cannot be written.
+    """
+    check_frame(frame)
+    sections = [
+        _header(frame, run),
+        _warnings(run.get("warnings", [])),
+        _scene(frame),
+        _numbers(run, folded=False),
+        _pictures(pictures),
+        _numbers(run, folded=True),
+    ]
+    title = html.escape(f"TSP-SLAM report: {frame.name}")
+    page = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
+        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(section for section in sections if section)
+        + f"\n</main>\n<footer><p>tspslam {html.escape(__version__)}</p><p>{CITATION}</p></footer>\n</body>\n</html>\n"
+    )
+    write_atomic(Path(path), page.encode("utf-8", "replace"))
+    return Path(path)
+
+
+def _header(frame: FrameView, run: Mapping[str, Any]) -> str:
+    complex_ = frame.complex_
+    tiles = [
+        ("points", complex_.n),
+        ("edges", len(complex_.edges)),
+        ("faces", len(complex_.faces)),
+        ("Euler characteristic", complex_.n - len(complex_.edges) + len(complex_.faces)),
+        ("vertices with a response", int(frame.response.defined.sum())),
+    ]
+    cells = "".join(f'<div class="tile"><b>{_value(v)}</b><span>{_text(k)}</span></div>' for k, v in tiles)
+    status = str(run.get("status", ""))
+    tone = "good" if status == "complete" else "note"
+    badge = f'<span class="badge {tone}">{_text(status)}</span>' if status else ""
+    return (
+        f'<header><p class="kicker">TSP-SLAM report</p><h1>{_text(frame.name)}{badge}</h1>'
+        f'<div class="tiles">{cells}</div></header>'
+    )
+
+
+def _warnings(warnings: Any) -> str:
+    items = []
+    for warning in warnings if isinstance(warnings, list | tuple) else [warnings]:
+        if isinstance(warning, Mapping):
+            items.append(f"<li><b>{_text(warning.get('code', 'warning'))}</b> {_text(warning.get('message', ''))}</li>")
+        else:
+            items.append(f"<li>{_text(warning)}</li>")
+    return f'<section class="warnings"><h2>Warnings</h2><ul>{"".join(items)}</ul></section>' if items else ""
+
+
+def _scene(frame: FrameView) -> str:
+    from ._scene import scene_figure, scene_views, thinned
+
+    views = scene_views(frame)
+    if not views:
+        return '<section><h2>The mesh in space</h2><p class="quiet">This frame has no points to show.</p></section>'
+    plot = scene_figure(views).to_html(
+        include_plotlyjs=True,
+        include_mathjax=False,
+        full_html=False,
+        div_id="mesh",
+        config={"displaylogo": False, "responsive": True, "displayModeBar": False},
+    )
+    buttons, start = [], 0
+    for number, view in enumerate(views):
+        pressed = "true" if number == 0 else "false"
+        span = f'data-first="{start}" data-count="{len(view.traces)}"'
+        buttons.append(f'<button type="button" aria-pressed="{pressed}" {span}>{_text(view.label)}</button>')
+        start += len(view.traces)
+    what = "mesh" if len(frame.complex_.faces) else "points"
+    note = f"Drag to turn, scroll to zoom, double-click to return. Grey: no value.{thinned(frame)}"
+    return (
+        f'<section class="scene"><h2>The {what} in space</h2>'
+        f'<div class="switch" role="group" aria-label="Signal">{"".join(buttons)}</div>'
+        f'<div class="plot">{plot}</div><p class="quiet">{_text(note)}</p><script>{SCRIPT}</script></section>'
+    )
+
+
+def _numbers(run: Mapping[str, Any], *, folded: bool) -> str:
+    tables: list[tuple[str, list[list[Any]], list[str]]] = []
+    plain = {key: value for key, value in run.items() if not _is_table(value) and key not in ("warnings", "status")}
+    if plain:
+        tables.append(("run", [[k, v] for k, v in plain.items()], []))
+    for key, value in run.items():
+        if isinstance(value, Mapping) and value:
+            tables.append((key, [[k, v] for k, v in _flat(value)], []))
+        elif _is_table(value) and value and key != "warnings":
+            columns = list(dict.fromkeys(str(k) for row in value for k in row))
+            tables.append((key, [[row.get(c) for c in columns] for row in value], columns))
+    chosen = [table for table in tables if _is_folded(table[0], table[1]) == folded]
+    chosen.sort(key=lambda table: bool(table[2]))
+    cards = [_card(*table, folded=folded) for table in chosen]
+    if not cards:
+        return ""
+    return f'<section><h2>{"Details" if folded else "Numbers"}</h2><div class="cards">{"".join(cards)}</div></section>'
+
+
+def _is_table(value: Any) -> bool:
+    rows = isinstance(value, list | tuple) and len(value) > 0 and all(isinstance(row, Mapping) for row in value)
+    return isinstance(value, Mapping) or rows
+
+
+def _is_folded(key: str, rows: list[list[Any]]) -> bool:
+    return key in FOLDED or len(rows) > LONG_TABLE
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    pairs: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            pairs += _flat(value, f"{prefix}{key}.")
+        else:
+            pairs.append((f"{prefix}{key}", value))
+    return pairs
+
+
+def _card(key: str, rows: list[list[Any]], columns: list[str], *, folded: bool) -> str:
+    if columns:
+        head = "<thead><tr>" + "".join(f'<th scope="col">{_label(c)}</th>' for c in columns) + "</tr></thead>"
+        body = "".join("<tr>" + "".join(f"<td>{_value(v)}</td>" for v in row) + "</tr>" for row in rows)
+    else:
+        head = ""
+        body = "".join(f'<tr><th scope="row">{_label(k)}</th><td>{_value(v)}</td></tr>' for k, v in rows)
+    table = f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
+    wide = " wide" if columns else ""
+    if folded:
+        return (
+            f'<details class="card{wide}"><summary>{_label(key)} <small>{len(rows)}</small></summary>{table}</details>'
+        )
+    return f'<div class="card{wide}"><h3>{_label(key)}</h3>{table}</div>'
+
+
+def _label(key: Any) -> str:
+    """A key in words, with its unit: ``vertical_offset_px`` becomes "vertical offset [px]"."""
+    words = str(key).split("_")
+    unit = UNITS.get(words[-1].lower()) if len(words) > 1 else None
+    return _text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, float):
+        return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, list | tuple):
+        return ", ".join(_value(v) for v in value) or "–"
+    return _text(value)
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value))
+
+
+def _pictures(paths: Sequence[Path]) -> str:
+    figures = []
+    for path in paths:
+        title, caption = CAPTIONS.get(Path(path).stem, (Path(path).stem, ""))
+        data, width, height = _embedded(Path(path))
+        figures.append(
+            f'<figure><img src="data:image/jpeg;base64,{data}" width="{width}" height="{height}" alt="{_text(title)}">'
+            f"<figcaption><b>{_text(title)}.</b> {_text(caption)}</figcaption></figure>"
+        )
+    return f'<section class="pictures"><h2>Pictures</h2>{"".join(figures)}</section>' if figures else ""
+
+
+def _embedded(path: Path) -> tuple[str, int, int]:
+    """A picture as base64 JPEG, a third of the PNG's size, with its width and height, px."""
+    buffer = io.BytesIO()
+    try:
+        with PillowImage.open(path) as picture:
+            width, height = picture.size
+            picture.convert("RGB").save(buffer, "JPEG", quality=90, subsampling=0)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"report: {path} is not a picture that can be read ({error})") from error
+    return base64.b64encode(buffer.getvalue()).decode("ascii"), width, height

@@ -1,0 +1,168 @@
+"""Left-right matching: descriptors first, then a search of the row, then a fraction of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import Features, FloatArray, StereoPair
+from ._parallel import both
+from .consistency import supported
+from .hamming import HammingMatcher as HammingMatcher
+from .hamming import check_limits, check_range, median_and_spread, survey_disparities
+from .matches import Matches as Matches
+from .windows import Windows, refine, search, smooth_plane, vertical_offsets
+
+
+@dataclass(frozen=True)
+class RowMatcher:
+    """Matches along rows with sub-pixel disparities.
+
+    1. The range of disparities is surveyed with descriptors, within the limits given.
+    2. Descriptors are matched along rows (`HammingMatcher`).
+    3. Left keypoints without a partner search their row in the right image by correlation, with uniqueness and a
+       search back. Windows lean on the pixels that look like their centre.
+    4. Every match is aligned to a fraction of a pixel from left to right and from right to left; both must agree,
+       and their mean is the disparity.
+    5. A match that none of its neighbours supports is dropped.
+
+    Parameters
+    ----------
+    max_disparity : float or None
+        Largest ``u_left - u_right``, px; None takes the limit from the pair.
+    min_disparity : float or None
+        Smallest one, px; None allows all with positive depth.
+    row_tolerance : float
+        Largest difference of rows of two keypoints, px per unit of the keypoint's scale.
+    max_hamming : int
+        Largest distance of two descriptors, bits.
+    ratio : float
+        A descriptor's distance must be less than this times that of the second nearest; at most 1.
+    windows : Windows
+        Size and weights of the windows compared.
+    min_correlation : float
+        Least correlation of a match, below 1.
+    uniqueness : float
+        In the row search, ``1 - correlation`` must be less than this times that of the best rival.
+    max_disagreement : float
+        Largest difference of the disparities found from left to right and from right to left, px.
+    max_gain : float
+        Largest ratio of contrast between the two windows, either way; above 1.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> RowMatcher(max_disparity=64).ratio
+    0.85
+    """
+
+    max_disparity: float | None = None
+    min_disparity: float | None = None
+    row_tolerance: float = 1.5
+    max_hamming: int = 64
+    ratio: float = 0.85
+    windows: Windows = Windows()
+    min_correlation: float = 0.8
+    uniqueness: float = 0.75
+    max_disagreement: float = 0.4
+    max_gain: float = 1.8
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_range("min_correlation", self.min_correlation, 0, 0.999)
+        check_range("uniqueness", self.uniqueness, 0, 1)
+        check_range("max_disagreement", self.max_disagreement, 0, 10)
+        check_range("max_gain", self.max_gain, 1, 10)
+        check_limits(self.min_disparity, self.max_disparity)
+        self._descriptors()
+
+    def __call__(self, left: Features, right: Features, pair: StereoPair) -> Matches:
+        """Match the keypoints of a pair.
+
+        Parameters
+        ----------
+        left, right : Features
+            Keypoints with uint8 descriptors.
+        pair : StereoPair
+            The images they come from.
+
+        Returns
+        -------
+        Matches
+            Sorted by left keypoint.
+
+        Raises
+        ------
+        InputError
+            If the descriptors are not binary or differ in length.
+        GeometryError
+            If most disparities are behind the camera: the images look swapped.
+        """
+        low, high = survey_disparities(self._descriptors(), left, right, pair)
+        partner, guess = self._partners(left, right, pair, low, high)
+        planes = both(smooth_plane, (pair.left, pair.right))
+        start = self._search(planes, left, partner, guess, (low, high))
+        disparity, score = self._refine(planes, left, start)
+        kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
+        kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
+        offsets = vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows)
+        return Matches(kept, partner[kept], disparity[kept], score[kept], *median_and_spread(offsets))
+
+    def _descriptors(self) -> HammingMatcher:
+        limits = self.max_disparity, self.min_disparity
+        return HammingMatcher(*limits, self.row_tolerance, self.max_hamming, self.ratio)
+
+    def _partners(
+        self, left: Features, right: Features, pair: StereoPair, low: float, high: float
+    ) -> tuple[NDArray[np.int64], FloatArray]:
+        """Right keypoint of each left one, or -1, and the disparity between them."""
+        i, j = self._descriptors().pairs(left, right, pair.left.shape[0], low, high)
+        partner = np.full(len(left.uv), -1, np.int64)
+        guess = np.zeros(len(left.uv))
+        partner[i] = j
+        guess[i] = left.uv[i, 0] - right.uv[j, 0]
+        return partner, guess
+
+    def _search(
+        self,
+        planes: list[NDArray[np.float32]],
+        left: Features,
+        partner: NDArray[np.int64],
+        guess: FloatArray,
+        limits: tuple[float, float],
+    ) -> FloatArray:
+        """Disparity in whole px of each left keypoint, NaN where none is clear."""
+        matched = partner >= 0
+        about = 1.5 * left.scale + 1  # how far an octave's keypoints may be off
+        ranges = np.where(matched, [guess - about, guess + about], np.reshape(limits, (2, 1)))
+        disparity, score, rival = search(*planes, left.uv, ranges, self.windows)
+        clear = (score >= self.min_correlation - 0.1) & (matched | (1 - score <= self.uniqueness * (1 - rival)))
+        lone = np.flatnonzero(clear & ~matched)
+        uv_right = left.uv[lone] - np.column_stack([disparity[lone], np.zeros(len(lone))])
+        back = -search(planes[1], planes[0], uv_right, -ranges[::-1, lone], self.windows)[0]
+        clear[lone] = np.abs(back - disparity[lone]) <= 1
+        return np.where(clear, disparity, np.nan)
+
+    def _refine(
+        self, planes: list[NDArray[np.float32]], left: Features, start: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
+        disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
+        rows = np.flatnonzero(np.isfinite(start))
+        forth = refine(*planes, left.uv[rows], start[rows], self.windows)
+        rows, forth = rows[forth.good], forth.where(forth.good)
+        uv_right = left.uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
+        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.windows)
+        agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
+        alike = np.minimum(forth.score, back.score) >= self.min_correlation
+        even = (forth.gain < self.max_gain) & (forth.gain > 1 / self.max_gain)
+        good = agree & alike & even
+        disparity[rows[good]] = ((forth.disparity - back.disparity) / 2)[good]
+        score[rows[good]] = forth.score[good]
+        return disparity, score

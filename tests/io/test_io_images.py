@@ -1,0 +1,275 @@
+import io
+import os
+import struct
+import threading
+import warnings
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from tspslam.errors import InputError, OutputError
+from tspslam.io import read_image, write_png
+
+FUZZ = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+RAMP = (np.arange(30 * 40) * 53 % 65_521).reshape(30, 40)
+
+
+def encoded(mode, format_, **options):
+    """An image file of a mode, with structure in it."""
+    grey = Image.fromarray((RAMP % 256).astype(np.uint8))
+    if mode.startswith("I"):
+        image = Image.fromarray(RAMP.astype(np.uint16 if mode == "I;16" else np.int32))
+    elif mode == "F":
+        image = Image.fromarray(RAMP.astype(np.float32))
+    else:
+        image = grey.convert(mode)
+    buffer = io.BytesIO()
+    image.save(buffer, format=format_, **options)
+    return buffer.getvalue()
+
+
+def png(width, height, *chunks):
+    """A PNG of a claimed size."""
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    parts = [b"\x89PNG\r\n\x1a\n"]
+    for kind, body in [(b"IHDR", head), *chunks]:
+        parts.append(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)))
+    return b"".join(parts)
+
+
+def saved(tmp_path, data, name="image"):
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_png_comes_back_exactly(tmp_path, dtype):
+    array = RAMP.astype(dtype)
+    write_png(tmp_path / "a.png", array)
+    back = read_image(tmp_path / "a.png")
+    assert back.dtype == dtype
+    np.testing.assert_array_equal(back, array)
+
+
+def test_colour_png_comes_back_exactly_and_its_bytes_are_the_same_each_time(tmp_path):
+    array = np.random.default_rng(0).integers(0, 256, (7, 5, 3), np.uint8)
+    write_png(tmp_path / "a.png", array)
+    write_png(tmp_path / "b.png", np.asfortranarray(array))
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), array)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.zeros((2, 2)),
+        np.zeros((2, 2, 3), np.uint16),
+        np.zeros((2, 2, 4), np.uint8),
+        np.zeros((0, 2), np.uint8),
+        np.zeros(3, np.uint8),
+        np.zeros((2, 2), bool),
+    ],
+)
+def test_png_refuses_what_it_cannot_hold(tmp_path, array):
+    with pytest.raises(InputError, match="cannot hold"):
+        write_png(tmp_path / "a.png", array)
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_png_below_a_file_is_an_output_error(tmp_path):
+    saved(tmp_path, b"", "file")
+    with pytest.raises(OutputError):
+        write_png(tmp_path / "file" / "a.png", np.zeros((2, 2), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("mode", "format_", "ndim", "dtype"),
+    [
+        ("L", "PNG", 2, np.uint8),
+        ("L", "JPEG", 2, np.uint8),
+        ("L", "TIFF", 2, np.uint8),
+        ("L", "PPM", 2, np.uint8),
+        ("L", "BMP", 2, np.uint8),
+        ("1", "PNG", 2, np.uint8),
+        ("1", "PPM", 2, np.uint8),
+        ("LA", "PNG", 2, np.uint8),
+        ("P", "PNG", 3, np.uint8),
+        ("P", "BMP", 2, np.uint8),
+        ("PA", "TIFF", 3, np.uint8),
+        ("RGB", "PNG", 3, np.uint8),
+        ("RGB", "JPEG", 3, np.uint8),
+        ("RGB", "TIFF", 3, np.uint8),
+        ("RGB", "PPM", 3, np.uint8),
+        ("RGB", "BMP", 3, np.uint8),
+        ("RGBA", "PNG", 3, np.uint8),
+        ("RGBA", "TIFF", 3, np.uint8),
+        ("RGBA", "BMP", 3, np.uint8),
+        ("CMYK", "JPEG", 3, np.uint8),
+        ("CMYK", "TIFF", 3, np.uint8),
+        ("YCbCr", "TIFF", 3, np.uint8),
+        ("I;16", "PNG", 2, np.uint16),
+        ("I;16", "TIFF", 2, np.uint16),
+        ("I;16", "PPM", 2, np.uint16),
+        ("I", "TIFF", 2, np.uint16),
+    ],
+)
+def test_every_usual_kind_of_image_is_grey_or_rgb(tmp_path, mode, format_, ndim, dtype):
+    back = read_image(saved(tmp_path, encoded(mode, format_)))
+    assert back.dtype == dtype
+    assert back.shape == ((30, 40) if ndim == 2 else (30, 40, 3))
+    assert back.flags.c_contiguous
+    assert back.flags.writeable
+    if dtype == np.uint16:
+        np.testing.assert_array_equal(back, RAMP)
+    elif format_ != "JPEG" and mode not in ("1", "YCbCr"):
+        np.testing.assert_allclose(back if ndim == 2 else back[..., 0], RAMP % 256, atol=1)
+
+
+def test_one_bit_becomes_black_and_white(tmp_path):
+    assert set(np.unique(read_image(saved(tmp_path, encoded("1", "PNG"))))) == {0, 255}
+
+
+def test_alpha_is_dropped_and_not_blended(tmp_path):
+    array = np.zeros((2, 2, 4), np.uint8)
+    array[..., 0] = 200
+    buffer = io.BytesIO()
+    Image.fromarray(array).save(buffer, format="PNG")
+    assert read_image(saved(tmp_path, buffer.getvalue()))[0, 0].tolist() == [200, 0, 0]
+
+
+def test_palette_with_transparency_is_read_without_a_warning(tmp_path):
+    back = read_image(saved(tmp_path, encoded("P", "PNG", transparency=bytes(range(256)))))
+    assert back.shape == (30, 40, 3)
+
+
+@pytest.mark.parametrize("mode", ["La", "RGBa"])
+def test_premultiplied_alpha_is_undone(mode):
+    from tspslam.io.images import _pixels
+
+    back = _pixels(Image.new(mode[:-1] + "A", (2, 2), (100, 128) if mode == "La" else (100, 0, 0, 128)).convert(mode))
+    np.testing.assert_allclose(back[0, 0] if mode == "La" else back[0, 0, 0], 100, atol=1)
+
+
+def test_orientation_in_exif_is_not_applied(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    assert read_image(saved(tmp_path, encoded("L", "JPEG", exif=exif))).shape == (30, 40)
+
+
+@pytest.mark.parametrize("value", [-1, 65_536])
+def test_grey_that_16_bits_cannot_hold_is_refused(tmp_path, value):
+    buffer = io.BytesIO()
+    Image.fromarray(np.full((2, 2), value, np.int32)).save(buffer, format="TIFF")
+    with pytest.raises(InputError, match="grey values"):
+        read_image(saved(tmp_path, buffer.getvalue()))
+
+
+def test_floating_point_pixels_are_refused(tmp_path):
+    with pytest.raises(InputError, match="floating-point"):
+        read_image(saved(tmp_path, encoded("F", "TIFF")))
+
+
+@pytest.mark.parametrize("size", [(8001, 8000), (32_768, 1), (1, 32_768), (10_000, 10_000), (60_000, 60_000)])
+def test_too_large_an_image_is_refused_by_its_header_alone(tmp_path, size):
+    data = png(*size, (b"IDAT", b"not pixels"), (b"IEND", b""))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="px"):
+            read_image(saved(tmp_path, data))
+
+
+@pytest.mark.parametrize("size", [(0, 5), (5, 0)])
+def test_an_image_without_pixels_is_refused(tmp_path, size):
+    with pytest.raises(InputError):
+        read_image(saved(tmp_path, png(*size, (b"IEND", b""))))
+
+
+def test_missing_folder_empty_pipe_and_text_are_named(tmp_path):
+    cases = {
+        "missing": "No such file",
+        "nul\0": "null",
+        ".": "is a directory",
+        "empty": "is empty",
+        "text": "not an image",
+    }
+    saved(tmp_path, b"", "empty")
+    saved(tmp_path, b"hello, I am no image", "text")
+    for name, said in cases.items():
+        with pytest.raises(InputError, match=said) as caught:
+            read_image(tmp_path / name)
+        assert "\n" not in str(caught.value)
+        assert "expected a PNG" in str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_pipe_is_refused_and_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="regular file"):
+        read_image(tmp_path / "pipe")
+
+
+def test_a_file_larger_than_any_of_ours_is_not_read(tmp_path):
+    with open(tmp_path / "huge", "wb") as handle:
+        handle.truncate((1 << 32) + 1)
+    with pytest.raises(InputError, match="bytes"):
+        read_image(tmp_path / "huge")
+
+
+@pytest.mark.parametrize("format_", ["PNG", "JPEG"])
+def test_every_truncation_is_seen(tmp_path, format_):
+    data = encoded("RGB", format_)
+    for size in {*range(1, len(data), max(1, len(data) // 200)), *range(len(data) - 12, len(data))}:
+        with pytest.raises(InputError):
+            read_image(saved(tmp_path, data[:size]))
+
+
+def test_every_flipped_bit_of_a_png_is_seen(tmp_path):
+    data = encoded("L", "PNG")
+    for at in range(0, len(data), max(1, len(data) // 200)):
+        damaged = bytearray(data)
+        damaged[at] ^= 1 << at % 8
+        with pytest.raises(InputError):
+            read_image(saved(tmp_path, bytes(damaged)))
+
+
+def test_a_chunk_that_claims_more_than_the_file_is_refused(tmp_path):
+    data = png(4, 4) + struct.pack(">I4s", 0x7FFFFFFF, b"IDAT")
+    with pytest.raises(InputError, match="truncated"):
+        read_image(saved(tmp_path, data))
+
+
+@pytest.mark.parametrize("format_", ["PNG", "JPEG", "TIFF", "PPM", "BMP"])
+@FUZZ
+@given(data=st.data())
+def test_a_damaged_image_is_an_image_or_an_input_error(tmp_path, format_, data):
+    damaged = bytearray(encoded(data.draw(st.sampled_from(["L", "RGB"])), format_))
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(damaged) - 1))
+        damaged[at] = data.draw(st.integers(0, 255))
+    if data.draw(st.booleans()):
+        del damaged[data.draw(st.integers(1, len(damaged))) :]
+    said = ""
+    try:
+        back = read_image(saved(tmp_path, bytes(damaged)))
+    except InputError as error:
+        said = str(error)
+    assert "\n" not in said
+    if not said:
+        assert back.dtype in (np.uint8, np.uint16)
+        assert back.ndim == 2 or back.shape[2] == 3
+
+
+def test_threads_leave_the_warning_filters_as_they_were(tmp_path):
+    path = saved(tmp_path, encoded("RGB", "TIFF"))
+    before = list(warnings.filters)
+    threads = [threading.Thread(target=lambda: [read_image(path) for _ in range(20)]) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert list(warnings.filters) == before

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tspslam.errors import InputError
+from tspslam.io import read_mesh, write_vtu
+from tspslam.topology.complex import build_complex
+
+FUZZ = settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+OBJ = b"# a test\nmtllib x\nv 0 0 1\nv 1 0 1 0.5 0.5 0.5\nv 0 1 1\nvt 0 0\nvn 0 0 1\ns off\nf 1/1/1 2//1 -1 # last\n"
+
+
+def saved(tmp_path, data, name="mesh.obj"):
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+def test_obj_triangles_are_read_with_indices_from_both_ends(tmp_path):
+    xyz, faces = read_mesh(saved(tmp_path, OBJ.replace(b"\n", b"\r\n"), "a.OBJ"))
+    assert xyz.tolist() == [[0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    assert faces.tolist() == [[0, 1, 2]]
+    assert faces.dtype == np.int32
+
+
+def test_vtu_triangles_are_read(tmp_path):
+    write_vtu(tmp_path / "a.vtu", build_complex(np.array([[0, 1, 2]]), 3), np.eye(3))
+    xyz, faces = read_mesh(tmp_path / "a.vtu")
+    np.testing.assert_array_equal(xyz, np.eye(3))
+    assert faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"nothing", "no vertices"),
+        (b"v 0 0\n", "line 1 has no three finite"),
+        (b"v 0 0 nan\n", "line 1 has no three finite"),
+        (b"v 0 0 x\n", "line 1 holds a word"),
+        (OBJ + b"f 1 2\n", "line 10 has a face of 2 corners"),
+        (OBJ + b"f 1 2 3 1\n", "line 10 has a face of 4 corners"),
+        (OBJ + b"f 1 2 x\n", "line 10 holds a word"),
+        (OBJ + b"f 1 2 0\n", "line 10 has a corner"),
+        (OBJ + b"f 1 2 99999999999999999999\n", "line 10 has a corner"),
+        (OBJ + b"f 1 2 4\n", "face 1 has corners"),
+        (OBJ + b"f 1 2 -4\n", "face 1 has corners"),
+        (OBJ + b"f 1 2 " + b"9" * 5000 + b"\n", "line 10 holds a word"),
+    ],
+)
+def test_each_fault_of_an_obj_is_named_in_one_line(tmp_path, data, said):
+    with pytest.raises(InputError, match=said) as caught:
+        read_mesh(saved(tmp_path, data))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a", "a.gz"])
+def test_another_suffix_is_an_input_error_that_lists_ours(tmp_path, name):
+    with pytest.raises(InputError, match=r"\.ply, \.vtu, \.obj"):
+        read_mesh(saved(tmp_path, b"x", name))
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_damaged_obj_is_a_mesh_or_an_input_error(tmp_path, data):
+    damaged = bytearray(OBJ)
+    for _ in range(data.draw(st.integers(1, 5))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    said = ""
+    try:
+        xyz, faces = read_mesh(saved(tmp_path, bytes(damaged)))
+    except InputError as error:
+        said = str(error)
+    assert "\n" not in said
+    if not said:
+        assert np.isfinite(xyz).all()
+        assert faces.size == 0 or 0 <= faces.min() <= faces.max() < len(xyz)
+
+
+@FUZZ
+@given(data=st.binary(min_size=1, max_size=200), suffix=st.sampled_from([".ply", ".vtu", ".obj", ".npz"]))
+def test_noise_is_an_input_error(tmp_path, data, suffix):
+    with pytest.raises(InputError):
+        read_mesh(saved(tmp_path, data, f"noise{suffix}"))
