@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
@@ -33,12 +33,15 @@ class Resolved:
         return flatten(self.settings)
 
     @property
-    def nested(self) -> dict[str, dict[str, Any]]:
+    def nested(self) -> dict[str, Any]:
         """The values as ``config.yaml`` holds them."""
-        tree: dict[str, dict[str, Any]] = {}
+        tree: dict[str, Any] = {}
         for name, value in self.values.items():
-            stage, key = name.split(".")
-            tree.setdefault(stage, {})[key] = value
+            *path, key = name.split(".")
+            branch = tree
+            for part in path:
+                branch = branch.setdefault(part, {})
+            branch[key] = value
         return tree
 
 
@@ -81,14 +84,13 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     return Resolved(settings, origin)
 
 
-def flatten(settings: Settings) -> dict[str, Any]:
+def flatten(settings: Any, prefix: str = "") -> dict[str, Any]:
     """Each value of the settings by its dotted name."""
-    return {
-        f"{stage.name}.{key.name}": getattr(getattr(settings, stage.name), key.name)
-        for stage in fields(settings)
-        if is_dataclass(getattr(settings, stage.name))
-        for key in fields(getattr(settings, stage.name))
-    }
+    flat: dict[str, Any] = {}
+    for part in fields(settings):
+        value, name = getattr(settings, part.name), prefix + part.name
+        flat |= flatten(value, f"{name}.") if is_dataclass(value) else {name: value}
+    return flat
 
 
 def _preset(name: str) -> Settings:
@@ -124,7 +126,15 @@ def _read(file: Path) -> dict[str, Any]:
     stages = {} if tree is None else tree
     if not isinstance(stages, Mapping) or not all(isinstance(stage, Mapping) for stage in stages.values()):
         raise InputError(f"{file}: expected a mapping of stages, each a mapping of settings")
-    return {f"{stage}.{key}": value for stage, values in stages.items() for key, value in values.items()}
+    return dict(_leaves(stages))
+
+
+def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def _assign(settings: Settings, name: str, value: Any, source: str) -> Settings:
@@ -133,13 +143,18 @@ def _assign(settings: Settings, name: str, value: Any, source: str) -> Settings:
         near = difflib.get_close_matches(name, known, 1, 0.5)
         hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(known)}"
         raise InputError(f"{source}: unknown setting {name!r}{hint}")
-    stage, key = name.split(".")
-    part = getattr(settings, stage)
+    replaced: Settings = _replace(settings, name.split("."), value, f"{source}: {name}")
+    return replaced
+
+
+def _replace(part: Any, path: list[str], value: Any, where: str) -> Any:
+    key, *deeper = path
+    if deeper:
+        return replace(part, **{key: _replace(getattr(part, key), deeper, value, where)})
     wanted = get_type_hints(type(part))[key]
     if not _fits(value, wanted):
-        raise InputError(f"{source}: {name} is {value!r}, expected {_describe(wanted)}")
-    value = float(value) if wanted is float else value
-    return replace(settings, **{stage: replace(part, **{key: value})})
+        raise InputError(f"{where} is {value!r}, expected {_describe(wanted)}")
+    return replace(part, **{key: float(value) if wanted is float else value})
 
 
 def _fits(value: Any, wanted: Any) -> bool:

@@ -170,6 +170,7 @@ def changed(part, **fields):
         (changed("complex_", face_edges=np.zeros((2, 3), np.int32)), "not the sides"),
         (changed("complex_", face_edges=np.full((2, 3), 6, np.int32)), "holds 6 to 6"),
         (changed("complex_", edges=frame().complex_.edges[:, ::-1]), "ascend"),
+        (changed("complex_", edges=frame().complex_.edges[::-1]), "lexicographic"),
         (dataclasses.replace(frame(), stamp=np.nan), "stamp"),
     ],
 )

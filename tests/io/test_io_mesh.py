@@ -1,3 +1,6 @@
+import errno
+import io
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -58,6 +61,16 @@ def test_each_fault_of_an_obj_is_named_in_one_line(tmp_path, data, said):
 def test_another_suffix_is_an_input_error_that_lists_ours(tmp_path, name):
     with pytest.raises(InputError, match=r"\.ply, \.vtu, \.obj"):
         read_mesh(saved(tmp_path, b"x", name))
+
+
+def test_a_disk_that_fails_while_reading_is_an_input_error(tmp_path, monkeypatch):
+    class Failing(io.BytesIO):
+        def read(self, *_):
+            raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("tspslam.io._files.open_input", lambda *_: Failing())
+    with pytest.raises(InputError, match="Input/output error"):
+        read_mesh(tmp_path / "a.obj")
 
 
 @FUZZ

@@ -181,6 +181,7 @@ ARRAY = '<DataArray type="{}" Name="a" NumberOfComponents="{}" format="{}">{}</D
         (grid(n=10**18), "NumberOfPoints"),
         (grid(n=10**9), "rows"),
         (grid(n=4), "9 numbers where 12"),
+        (grid(points="0 1 2").replace(b'NumberOfComponents="3"', b""), "no 3 points with 3 coordinates"),
         (grid(points="0 0 0 1 0 0 0 nan 0"), "vertex 2"),
         (grid(points="0 0 0 1 0 0 0 x 0"), "no number"),
         (grid(cells=CONNECTIVITY.format("0 1 2")), "without connectivity"),

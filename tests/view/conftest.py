@@ -44,7 +44,10 @@ def make_frame(
     if faces is None:
         corner = np.array([r * side + c for r in range(side - 1) for c in range(side - 1)], np.int32)
         faces = np.concatenate(
-            [np.stack([corner, corner + 1, corner + side], 1), np.stack([corner + 1, corner + side + 1, corner + side], 1)]
+            [
+                np.stack([corner, corner + 1, corner + side], 1),
+                np.stack([corner + 1, corner + side + 1, corner + side], 1),
+            ]
         ).astype(np.int32)
     complex_ = build_complex(faces, n, edges)
     image = np.add.outer(np.arange(HEIGHT), np.arange(WIDTH)).astype(np.uint8)

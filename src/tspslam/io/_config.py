@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 
 MARK = "# tspslam run\n"
-_LARGEST = 1 << 20
+_LARGEST = 1 << 18
 _DEEPEST = 20
 
 
@@ -19,7 +19,7 @@ def plain(value: object, key: str = "", depth: int = 0) -> Any:
     """Return `value` as nested dict, list and scalars that JSON and YAML both keep exactly."""
     if value is None or isinstance(value, (bool, str)):
         return value
-    if isinstance(value, int):
+    if isinstance(value, int) and abs(value) < 1 << 63:
         return int(value)
     if isinstance(value, float) and math.isfinite(value):
         return float(value)
@@ -51,13 +51,28 @@ def load(data: bytes) -> Any:
         raise InputError(f"has {len(data)} bytes, where {_LARGEST} go")
     try:
         text = data.decode("utf-8")
-        if any(
-            isinstance(token, (yaml.AliasToken, yaml.TagToken)) for token in yaml.scan(text, Loader=yaml.SafeLoader)
-        ):
-            raise InputError("has an alias or a tag")
+        _check_tokens(text)
         return plain(yaml.safe_load(text))
     except (yaml.YAMLError, ValueError, RecursionError, OverflowError) as error:
         raise InputError(f"is not plain YAML ({' '.join(str(error).split())[:100]})") from error
+
+
+def _check_tokens(text: str) -> None:
+    """Refuse what makes YAML expensive or more than data: depth, aliases, tags."""
+    import yaml
+
+    starts = (
+        yaml.FlowSequenceStartToken,
+        yaml.FlowMappingStartToken,
+        yaml.BlockSequenceStartToken,
+        yaml.BlockMappingStartToken,
+    )
+    ends = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+    depth = 0
+    for token in yaml.scan(text, Loader=yaml.SafeLoader):
+        depth += isinstance(token, starts) - isinstance(token, ends)
+        if isinstance(token, (yaml.AliasToken, yaml.TagToken)) or depth > _DEEPEST + 1:
+            raise InputError("has an alias, a tag, or too many levels")
 
 
 def differences(old: object, new: object, key: str = "") -> list[str]:
@@ -73,6 +88,5 @@ def differences(old: object, new: object, key: str = "") -> list[str]:
                 lines.append(f"{inner} was {said[0]} and is now {said[1]}")
         return lines
     # True == 1 in Python, but not in a config.
-    if json.dumps(old) == json.dumps(new):
-        return []
-    return [f"{key or 'the whole'} was {json.dumps(old)} and is now {json.dumps(new)}"]
+    was, now = json.dumps(old, sort_keys=True), json.dumps(new, sort_keys=True)
+    return [] if was == now else [f"{key or 'the whole'} was {was} and is now {now}"]

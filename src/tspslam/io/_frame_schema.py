@@ -92,10 +92,7 @@ def to_schema(name: str, value: Any) -> NDArray[Any]:
 
 
 def check(arrays: Arrays) -> None:
-    """Raise `InputError` unless the arrays are those of one consistent frame."""
-    missing = [name for name in SCHEMA if name not in arrays and name not in OPTIONAL]
-    if missing:
-        raise InputError(f"has no array {missing[0]}")
+    """Raise `InputError` unless the arrays, all that are not optional, are those of one consistent frame."""
     known: dict[str, tuple[int, ...]] = {"n": (int(arrays["complex_n"]),)} if arrays["complex_n"].ndim == 0 else {}
     for name, values in arrays.items():
         _check_shape(name, values.shape, known)
@@ -127,6 +124,8 @@ def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:
     edges, faces = arrays["complex_edges"], arrays["complex_faces"]
     if not (np.diff(edges) > 0).all() or not (np.diff(faces) > 0).all():
         raise InputError("has an edge or a face of the complex that does not ascend")
+    if not (np.diff(edges @ np.array([n, 1], np.int64)) > 0).all():
+        raise InputError("has edges of the complex that are not in lexicographic order")
     sides = faces[:, [[0, 1], [1, 2], [0, 2]]]
     if not np.array_equal(edges[arrays["complex_face_edges"]], sides):
         raise InputError("has complex_face_edges that are not the sides of complex_faces")

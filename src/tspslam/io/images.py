@@ -50,7 +50,8 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
     The header comes first: more than 64 megapixels, or a side over 32 767 px, is refused before any pixel is decoded.
     A PNG's checksums are all verified. Alpha is dropped, not blended. Palettes, CMYK, YCbCr and HSV become RGB; one
     bit becomes 0 and 255. 16-bit grey stays 16-bit; 16-bit colour is reduced to 8 bits. Of several pages the first
-    is read. The EXIF orientation is not applied, since calibrations speak of the sensor's pixels.
+    is read. The EXIF orientation is not applied, since calibrations speak of the sensor's pixels. A damaged JPEG that
+    still decodes is returned, since the format has no checksum.
 
     Parameters
     ----------

@@ -208,7 +208,17 @@ def _bare(mesh: _Mesh, faces: NDArray[np.int32]) -> Trace:
 def _geometry(mesh: _Mesh, faces: NDArray[np.int32]) -> dict[str, Any]:
     x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz.T)
     i, j, k = (np.ascontiguousarray(c) for c in faces.T)
-    return {"x": x, "y": y, "z": z, "i": i, "j": j, "k": k, "flatshading": True, "lighting": LIGHTING, "lightposition": LIGHT}
+    return {
+        "x": x,
+        "y": y,
+        "z": z,
+        "i": i,
+        "j": j,
+        "k": k,
+        "flatshading": True,
+        "lighting": LIGHTING,
+        "lightposition": LIGHT,
+    }
 
 
 def _range(values: FloatArray, unit: str) -> tuple[float, float]:

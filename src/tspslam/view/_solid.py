@@ -18,6 +18,8 @@ YAW, PITCH = -28.0, 20.0  # degrees: where the viewer stands, to the left of the
 NEAR = 0.05  # of the viewer's distance: nearer things are not drawn
 LIGHT = np.array([-0.45, -0.75, -0.48])  # from above left, behind the viewer, in the camera's frame
 PANEL = 0.58  # height over width
+Rows = NDArray[np.int64]
+
 BACKDROP, FLOOR, BARE = "#f3f5f7", "#d3dae0", "#c3cad1"
 
 
@@ -68,29 +70,30 @@ def solid_page(
     side: bool,
 ) -> tuple[Figure, Axes]:
     """Draw the mesh in space: faces in their colours, those without in pale grey; without faces, points."""
-    keep = in_view(frame)
-    faces = np.flatnonzero(keep[frame.complex_.faces].all(axis=1))
+    used, faces = in_space(frame)
     figure, axes = style.page(PANEL, title, frame.name, caption, side=side)
     axes.set_facecolor(BACKDROP)
-    if not keep.any():
+    if not len(used):
         style.text(axes, 0.5, 0.5, "nothing to show", size=13, colour=style.QUIET, ha="center")
         return figure, axes
-    used = np.unique(frame.complex_.faces[faces]) if len(faces) else np.flatnonzero(keep)
     xyz = frame.cloud.xyz
     viewer = viewer_of(xyz[used])
     _frame_view(axes, viewer.project(xyz[used])[0])
     _floor(axes, viewer, xyz[used])
     if len(faces):
         colours = np.where(face_ok[faces, None], face_rgb[faces], _rgb(BARE))
-        _paint(axes, viewer, np.where(keep[:, None], xyz, 0.0)[frame.complex_.faces[faces]], colours)
+        _paint(axes, viewer, xyz[frame.complex_.faces[faces]], colours)
     else:
         _dots(axes, viewer, xyz[used], vertex_rgb[used])
     return figure, axes
 
 
-def shown_faces(frame: FrameView) -> NDArray[np.int64]:
-    """Find the faces that a view in space shows."""
-    return np.flatnonzero(in_view(frame)[frame.complex_.faces].all(axis=1))
+def in_space(frame: FrameView) -> tuple[Rows, Rows]:
+    """Find the vertices and the faces that a view in space shows; without faces, every vertex in view."""
+    keep = in_view(frame)
+    faces = np.flatnonzero(keep[frame.complex_.faces].all(axis=1))
+    used = np.unique(frame.complex_.faces[faces]).astype(np.int64) if len(faces) else np.flatnonzero(keep)
+    return used, faces
 
 
 def _rgb(colour: str) -> FloatArray:
@@ -143,7 +146,10 @@ def grid_step(extent: float) -> float:
 def _floor(axes: Axes, viewer: Viewer, xyz: FloatArray) -> None:
     """Draw a square grid just under the scene, for scale."""
     low, high = xyz.min(axis=0), xyz.max(axis=0)
-    step = grid_step(max(high[0] - low[0], high[2] - low[2]))
+    extent = max(high[0] - low[0], high[2] - low[2])
+    if extent <= 1e-3:
+        return
+    step = grid_step(extent)
     x = step * np.arange(np.floor(low[0] / step), np.ceil(high[0] / step) + 1)
     z = step * np.arange(np.floor(low[2] / step), np.ceil(high[2] / step) + 1)
     ground = np.percentile(xyz[:, 1], 99)

@@ -51,7 +51,16 @@ def page(aspect: float, title: str, name: str, caption: str, *, side: bool) -> t
     axes = figure.add_axes((LEFT / WIDTH, below / height, panel_width / WIDTH, panel_height / height))
     frame_only(axes)
     text(figure, LEFT / WIDTH, 1 - 0.2 / height, title, size=14.5, weight="bold", va="top")
-    text(figure, 1 - RIGHT / WIDTH, 1 - 0.25 / height, name[:60], size=9.5, colour=QUIET, ha="right", va="top")
+    text(
+        figure,
+        1 - RIGHT / WIDTH,
+        1 - 0.25 / height,
+        " ".join(name.split())[:60],
+        size=9.5,
+        colour=QUIET,
+        ha="right",
+        va="top",
+    )
     start = (below - 0.1) / height
     text(figure, LEFT / WIDTH, start, "\n".join(lines), size=9, colour=QUIET, va="top", linespacing=1.5)
     return figure, axes
@@ -110,8 +119,6 @@ def colour_bar(figure: Figure, axes: Axes, norm: Normalize, cmap: Colormap | str
 
 def extends(values: FloatArray, low: float, high: float) -> str:
     """Tell which ends of a colour bar stand for values beyond it."""
-    if not len(values):
-        return "neither"
     below, above = values.min() < low, values.max() > high
     return "both" if below and above else "min" if below else "max" if above else "neither"
 

@@ -111,8 +111,7 @@ def keypoints_picture(frame: FrameView) -> Figure:
     counts = depth_classes(frame)
     n = len(frame.cloud)
     caption = f"{_count(n, 'point')}; colour: class of depth z."
-    if counts[4]:
-        caption += f" Not drawn: {counts[4]} without a place in the image or a depth."
+    caption += _missing(int(counts[4]), "point", "without a place in the image or a depth")
     figure, axes = style.image_page(
         frame.image, "Keypoints by class of depth", frame.name, caption, side=False, tone="plain"
     )
@@ -247,14 +246,11 @@ def phase_picture(frame: FrameView) -> Figure:
 def signal_view(frame: FrameView) -> Figure:
     """Draw the mesh in space, each face in its mean luminance, or colour where the signal has three channels."""
     signals = frame.signals
-    kept = solid.shown_faces(frame)
-    what = "colour" if is_colour(signals.face) else "luminance"
-    caption = f"{_count(len(kept), 'face')} from the side, each in its mean {what}, lightly shaded."
-    caption += _missing(len(frame.complex_.faces) - len(kept), "face", "far off the rest")
+    what = "mean colour" if is_colour(signals.face) else "mean luminance"
     figure, _ = solid.solid_page(
         frame,
         "Mesh and face signal in space",
-        caption,
+        _space_caption(frame, what, signals.face_ok),
         face_rgb=_texture(signals.face),
         face_ok=signals.face_ok,
         vertex_rgb=_texture(signals.vertex),
@@ -267,23 +263,30 @@ def magnitude_view(frame: FrameView) -> Figure:
     """Draw the mesh in space, each face coloured by the mean ``log10 |r|`` of its vertices."""
     shown, zeros = log_magnitude(frame)
     at_faces = on_faces(frame.complex_.faces, shown)
-    kept = solid.shown_faces(frame)
     norm = _norm(shown)
-    caption = f"{_count(len(kept), 'face')} from the side, lightly shaded; pale grey: no vertex with a response."
-    caption += _missing(len(frame.complex_.faces) - len(kept), "face", "far off the rest")
-    caption += f" Exactly 0 at {_count(zeros, 'vertex')}." if zeros else ""
-    bare = np.where(shown.ok[:, None], style.colours(shown.values, norm, MAGNITUDE_MAP), 0.8)
+    caption = _space_caption(frame, "mean log₁₀ |r| of its vertices", at_faces.ok)
+    caption += _missing(zeros, "vertex", "where it is exactly 0") + _undefined(frame)
     figure, axes = solid.solid_page(
         frame,
         "Mesh and response magnitude in space",
         caption,
         face_rgb=style.colours(at_faces.values, norm, MAGNITUDE_MAP),
         face_ok=at_faces.ok,
-        vertex_rgb=bare,
+        vertex_rgb=np.where(shown.ok[:, None], style.colours(shown.values, norm, MAGNITUDE_MAP), 0.8),
         side=True,
     )
     _bar(figure, axes, shown, norm, MAGNITUDE_MAP, "log₁₀ |r|")
     return figure
+
+
+def _space_caption(frame: FrameView, what: str, face_ok: BoolArray) -> str:
+    points, faces = solid.in_space(frame)
+    if not len(faces):
+        return f"{_count(len(points), 'point')} from the side; no face to show."
+    caption = f"{_count(len(faces), 'face')} from the side, lightly shaded, each in the {what}."
+    bare = int((~face_ok[faces]).sum())
+    caption += f" Pale grey: {_count(bare, 'face')} without a value." if bare else ""
+    return caption + _missing(len(face_ok) - len(faces), "face", "far off the rest or unseen")
 
 
 def _texture(signal: FloatArray) -> FloatArray:
@@ -297,6 +300,8 @@ def _norm(shown: Shown, low: float = 1.0, high: float = 99.0) -> Normalize:
 
 
 def _bar(figure: Figure, axes: Axes, shown: Shown, norm: Normalize, cmap: str, label: str) -> None:
+    if not shown.ok.any():
+        return
     extend = style.extends(shown.values[shown.ok], float(norm.vmin or 0), float(norm.vmax or 0))
     style.colour_bar(figure, axes, norm, cmap, label, extend=extend)
 

@@ -243,37 +243,39 @@ def moments(
     taps: Float32,
     weight: Float32,
     strip: Float32,
-    sums: Float32,
-) -> None:
+) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a window; r is interpolated, g the mean gradient."""
     side = 2 * radius + 1
-    sums[:] = 0
-    half = np.float32(0.25)  # central difference of two images, averaged
+    zero, half = np.float32(0), np.float32(0.25)  # half: of two central differences, averaged
+    l, r, g, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
+    t0, t1, t2, t3, t4, t5 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5]
     for dy in range(side):
-        row, here = right[y - radius + dy], left[y - radius + dy]
+        row = right[y - radius + dy, column - radius - 3 : column + radius + 5]
+        here = left[y - radius + dy, x - radius - 1 : x + radius + 2]
         for k in range(side + 2):
-            p = column - radius - 1 + k
-            outer = taps[0] * row[p - 2] + taps[5] * row[p + 3]
-            inner = taps[1] * row[p - 1] + taps[4] * row[p + 2]
-            strip[k] = outer + inner + (taps[2] * row[p] + taps[3] * row[p + 1])
+            strip[k] = (
+                t0 * row[k] + t1 * row[k + 1] + t2 * row[k + 2] + t3 * row[k + 3] + t4 * row[k + 4] + t5 * row[k + 5]
+            )
         for k in range(side):
-            p = x - radius + k
-            w, lv, rv = weight[dy, k], here[p], strip[k + 1]
-            g = half * (strip[k + 2] - strip[k] + here[p + 1] - here[p - 1])
-            wl, wr, wg = w * lv, w * rv, w * g
-            sums[0] += wl
-            sums[1] += wr
-            sums[2] += wg
-            sums[3] += wl * lv
-            sums[4] += wl * rv
-            sums[5] += wl * g
-            sums[6] += wr * rv
-            sums[7] += wr * g
-            sums[8] += wg * g
+            w, lv, rv = weight[dy, k], here[k + 1], strip[k + 1]
+            gv = half * (strip[k + 2] - strip[k] + here[k + 2] - here[k])
+            wl, wr, wg = w * lv, w * rv, w * gv
+            l += wl
+            r += wr
+            g += wg
+            ll += wl * lv
+            lr += wl * rv
+            lg += wl * gv
+            rr += wr * rv
+            rg += wr * gv
+            gg += wg * gv
+    return l, r, g, ll, lr, lg, rr, rg, gg
 
 
 @inlined
-def solve_step(sums: Float32) -> tuple[float, float, float]:
+def solve_step(
+    sums: tuple[float, float, float, float, float, float, float, float, float],
+) -> tuple[float, float, float]:
     """Least squares l ≈ gain · (r + step · g) + offset: step, gain, correlation; gain 0 where there is no texture."""
     l, r, g = np.float64(sums[0]), np.float64(sums[1]), np.float64(sums[2])
     ll, lr, lg = sums[3] - l * l, sums[4] - l * r, sums[5] - l * g
@@ -298,7 +300,6 @@ def align_one(
     start: float,
     weight: Float32,
     strip: Float32,
-    sums: Float32,
     taps: Float32,
 ) -> tuple[float, float, float, bool]:
     """Iterate `solve_step` from a displacement until it moves by less than 0.002 px: displacement, correlation, gain."""
@@ -310,8 +311,7 @@ def align_one(
         if abs(shift - start) > 2.0 or column - radius < 3 or column + radius + 4 >= width:
             return shift, score, gain, False
         lagrange_taps(shift - whole, taps)
-        moments(left, right, x, y, radius, column, taps, weight, strip, sums)
-        step, gain, score = solve_step(sums)
+        step, gain, score = solve_step(moments(left, right, x, y, radius, column, taps, weight, strip))
         if gain == 0.0:
             return shift, score, gain, False
         shift += min(max(step, -1.0), 1.0)
@@ -333,7 +333,6 @@ def align_rows(
     widest = 2 * radius.max() + 1
     weight = np.empty((widest, widest), np.float32)
     strip = np.empty(widest + 2, np.float32)
-    sums = np.empty(9, np.float32)
     taps = np.empty(6, np.float32)
     for i in range(xy.shape[0]):
         x, y, r = xy[i, 0], xy[i, 1], radius[i]
@@ -341,7 +340,7 @@ def align_rows(
         if x <= r or x >= width - r - 1 or y < r or y >= height - r:
             continue
         support_weights(image, x, y, r, contrast, weight)
-        shift, score, gain, ok = align_one(image, other, x, y, r, start[i], weight, strip, sums, taps)
+        shift, score, gain, ok = align_one(image, other, x, y, r, start[i], weight, strip, taps)
         found[i, 0], found[i, 1], found[i, 2], found[i, 3] = shift, score, gain, ok
 
 

@@ -111,10 +111,10 @@ def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) 
 
 def survey_disparities(
     matcher: HammingMatcher, left: Features, right: Features, pair: StereoPair
-) -> tuple[float, float]:
-    """Range of disparities of a pair, px, from matches that their neighbours support.
+) -> tuple[tuple[float, float], NDArray[np.int64], NDArray[np.int64]]:
+    """Range of disparities of a pair, px, and the matching rows of `left` and `right` in it.
 
-    Half a per cent at each end is left out as outliers, then a tenth of the range and 4 px are added. Where too few
+    The range is that of the matches that their neighbours support: half a per cent at each end is left out as outliers, then a tenth of the range and 4 px are added. Where too few
     matches are found, all that `widest_range` allows is returned.
 
     Raises
@@ -125,19 +125,20 @@ def survey_disparities(
     low, high = widest_range(pair, matcher.min_disparity, matcher.max_disparity)
     reach = max(high, _WIDEST * pair.left.shape[1])
     i, j = matcher.pairs(left, right, pair.left.shape[0], -reach, reach)
-    disparity = left.uv[i, 0] - right.uv[j, 0]
-    disparity = disparity[supported(left.uv[i], disparity, tolerance=2.0)]
+    every = left.uv[i, 0] - right.uv[j, 0]
+    disparity = every[supported(left.uv[i], every, tolerance=2.0)]
     behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
     if behind >= _FEW and behind > 2 * (len(disparity) - behind):
         raise GeometryError(
             f"{pair.name}: {behind} of {len(disparity)} disparities are negative; are the left and right images swapped?"
         )
     disparity = disparity[(disparity >= low) & (disparity <= high)]
-    if len(disparity) < _FEW:
-        return low, high
-    first, last = np.quantile(disparity, (0.005, 0.995))
-    margin = 4 + 0.1 * (last - first)
-    return max(low, first - margin), min(high, last + margin)
+    if len(disparity) >= _FEW:
+        first, last = np.quantile(disparity, (0.005, 0.995))
+        margin = 4 + 0.1 * (last - first)
+        low, high = max(low, first - margin), min(high, last + margin)
+    inside = (every >= low) & (every <= high)
+    return (low, high), i[inside], j[inside]
 
 
 def median_and_spread(values: FloatArray) -> tuple[float, float]:

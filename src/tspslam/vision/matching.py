@@ -104,8 +104,9 @@ class RowMatcher:
         GeometryError
             If most disparities are behind the camera: the images look swapped.
         """
-        low, high = survey_disparities(self._descriptors(), left, right, pair)
-        partner, guess = self._partners(left, right, pair, low, high)
+        (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
+        partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
+        partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
         planes = both(smooth_plane, (pair.left, pair.right))
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left, start)
@@ -117,17 +118,6 @@ class RowMatcher:
     def _descriptors(self) -> HammingMatcher:
         limits = self.max_disparity, self.min_disparity
         return HammingMatcher(*limits, self.row_tolerance, self.max_hamming, self.ratio)
-
-    def _partners(
-        self, left: Features, right: Features, pair: StereoPair, low: float, high: float
-    ) -> tuple[NDArray[np.int64], FloatArray]:
-        """Right keypoint of each left one, or -1, and the disparity between them."""
-        i, j = self._descriptors().pairs(left, right, pair.left.shape[0], low, high)
-        partner = np.full(len(left.uv), -1, np.int64)
-        guess = np.zeros(len(left.uv))
-        partner[i] = j
-        guess[i] = left.uv[i, 0] - right.uv[j, 0]
-        return partner, guess
 
     def _search(
         self,

@@ -1,0 +1,172 @@
+"""From a pair of images to points: detect, match, triangulate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GeometryError, InputError
+from ..types import Cloud, Features, StereoPair
+from ._parallel import both
+from .features import OrbDetector, grey_levels
+from .hamming import HammingMatcher
+from .matches import Matches
+from .matching import RowMatcher
+from .rig import check_pair
+from .triangulate import triangulate
+
+Detector = Callable[[NDArray[np.uint8]], Features]
+Matcher = Callable[[Features, Features, StereoPair], Matches]
+Preset = Literal["paper"]
+
+PAPER_MATCHER = HammingMatcher(max_disparity=48.0)
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class StereoQuality:
+    """How well a pair was matched, and how well it is rectified.
+
+    Attributes
+    ----------
+    vertical_offset_px : float
+        Median of ``v_right - v_left``; 0 for a perfectly rectified pair.
+    vertical_offset_std_px : float
+        Its spread: 1.4826 times the median absolute deviation.
+    keypoints_left, keypoints_right : int
+        Keypoints detected.
+    matched : int
+        Points in the cloud.
+    by_row_search : int
+        Of the matches, those found without a keypoint in the right image.
+    """
+
+    vertical_offset_px: float
+    vertical_offset_std_px: float
+    keypoints_left: int
+    keypoints_right: int
+    matched: int
+    by_row_search: int
+
+
+def reconstruct(
+    pair: StereoPair,
+    *,
+    detector: Detector | None = None,
+    matcher: Matcher | None = None,
+    max_disparity: float | None = None,
+    preset: Preset | None = None,
+) -> Cloud:
+    """Reconstruct the points that both cameras see.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        A rectified pair.
+    detector : callable, optional
+        Grey image (H, W) uint8 -> `Features`; `OrbDetector()` by default.
+    matcher : callable, optional
+        Left features, right features, pair -> `Matches`; `RowMatcher()` by default.
+    max_disparity : float, optional
+        Largest disparity, px; taken from the pair by default. Give it to `matcher` itself if you give one.
+    preset : "paper", optional
+        The paper's matching: descriptors along rows, disparities up to 48 px, no more.
+
+    Returns
+    -------
+    Cloud
+        At least 3 points in the left camera's frame, with covariance; no two on the same pixel.
+
+    Raises
+    ------
+    InputError
+        If the pair is not usable or the options contradict each other.
+    GeometryError
+        If fewer than 3 points are found, or the images look swapped.
+
+    Examples
+    --------
+    >>> from tspslam.datasets import motorcycle
+    >>> cloud = reconstruct(motorcycle(), max_disparity=64)
+    >>> len(cloud) > 1000
+    True
+    """
+    return reconstruct_with_quality(
+        pair, detector=detector, matcher=matcher, max_disparity=max_disparity, preset=preset
+    )[0]
+
+
+def reconstruct_with_quality(
+    pair: StereoPair,
+    *,
+    detector: Detector | None = None,
+    matcher: Matcher | None = None,
+    max_disparity: float | None = None,
+    preset: Preset | None = None,
+) -> tuple[Cloud, StereoQuality]:
+    """Reconstruct like `reconstruct`, and tell how well it went.
+
+    Parameters, errors: as `reconstruct`.
+
+    Returns
+    -------
+    cloud : Cloud
+        The points.
+    quality : StereoQuality
+        Counts and the vertical offset between the images.
+
+    Examples
+    --------
+    >>> from tspslam.datasets import motorcycle
+    >>> cloud, quality = reconstruct_with_quality(motorcycle())
+    >>> quality.matched == len(cloud), abs(quality.vertical_offset_px) < 0.5
+    (True, True)
+    """
+    check_pair(pair)
+    detect = detector or OrbDetector()
+    match = _choose_matcher(matcher, max_disparity, preset)
+    left, right = both(lambda image: detect(grey_levels(image)), (pair.left, pair.right))
+    _require_features(pair, left, right)
+    matches = match(left, right, pair)
+    cloud = triangulate(pair.rig, left, matches)
+    if len(cloud) < _FEWEST:
+        raise GeometryError(
+            f"{pair.name}: {len(cloud)} points from {len(left.uv)} left and {len(right.uv)} right keypoints and "
+            f"{len(matches)} matches, expected at least {_FEWEST}"
+        )
+    return cloud, _quality(left, right, matches, cloud)
+
+
+def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset: str | None) -> Matcher:
+    if preset not in (None, "paper"):
+        raise InputError(f"preset is {preset!r}, expected 'paper' or None")
+    if matcher is not None and (preset or max_disparity is not None):
+        raise InputError("a matcher is given together with max_disparity or preset, expected the one or the other")
+    if matcher is not None:
+        return matcher
+    if preset == "paper":
+        return PAPER_MATCHER if max_disparity is None else replace(PAPER_MATCHER, max_disparity=max_disparity)
+    return RowMatcher(max_disparity=max_disparity)
+
+
+def _require_features(pair: StereoPair, left: Features, right: Features) -> None:
+    if min(len(left.uv), len(right.uv)) < _FEWEST:
+        raise GeometryError(
+            f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
+            "the images have too little texture"
+        )
+
+
+def _quality(left: Features, right: Features, matches: Any, cloud: Cloud) -> StereoQuality:
+    return StereoQuality(
+        vertical_offset_px=matches.vertical_offset_px,
+        vertical_offset_std_px=matches.vertical_offset_std_px,
+        keypoints_left=len(left.uv),
+        keypoints_right=len(right.uv),
+        matched=len(cloud),
+        by_row_search=int(np.count_nonzero(matches.right_index < 0)),
+    )

@@ -1,0 +1,214 @@
+"""The cameras: projection, back-projection, covariance, and what a usable pair is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..types import FloatArray, Rig, StereoPair
+from .calibration import load_rig as load_rig
+from .calibration import save_rig as save_rig
+
+LARGEST_AREA = 64_000_000
+LARGEST_SIDE = 32_767
+_DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
+
+
+def back_project(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> FloatArray:
+    """Points seen at pixels of the left image with given disparities.
+
+    ``z = fx · baseline / (disparity + doffs)``, ``y = z (v - cy) / fy``,
+    ``x = z (u - cx - skew (v - cy) / fy) / fx``.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    uv : (N, 2) array
+        Pixels of the left image.
+    disparity : (N,) array
+        ``u_left - u_right``, px; ``disparity + doffs`` must be positive.
+
+    Returns
+    -------
+    (N, 3) float64
+        Points in the left camera's frame, m.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, a value is not finite, or a depth is not positive.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> back_project(rig, [[320, 290]], [25]).tolist()
+    [[0.0, 0.2, 2.0]]
+    """
+    pixels, total = _pixels_and_total(rig, uv, disparity)
+    z = rig.fx * rig.baseline / total
+    row = (pixels[:, 1] - rig.cy) / rig.fy
+    column = (pixels[:, 0] - rig.cx - rig.skew * row) / rig.fx
+    return np.column_stack([z * column, z * row, z])
+
+
+def project(rig: Rig, xyz: ArrayLike) -> FloatArray:
+    """Pixels of the left image where points are seen, eq. (2).
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    xyz : (N, 3) array
+        Points in the left camera's frame, m.
+
+    Returns
+    -------
+    (N, 2) float64
+        px, also outside the image; NaN where z <= 0 or the point is not finite.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> project(rig, [[0, 0.2, 2], [0, 0, -1]]).tolist()
+    [[320.0, 290.0], [nan, nan]]
+    """
+    points = np.asarray(xyz, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"project: xyz has shape {points.shape}, expected (N, 3)")
+    seen = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
+    x, y, z = np.where(seen[:, None], points, np.nan).T
+    with np.errstate(over="ignore", invalid="ignore"):
+        u = rig.cx + (rig.fx * x + rig.skew * y) / z
+        v = rig.cy + rig.fy * y / z
+    uv = np.column_stack([u, v])
+    uv[~np.isfinite(uv).all(axis=1)] = np.nan
+    return uv
+
+
+def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) -> FloatArray:
+    """Covariance of back-projected points, ``Σ = J diag(σ², σ², σ²) Jᵀ``.
+
+    J holds the derivatives of (x, y, z) by (u_left, u_right, v).
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    uv : (N, 2) array
+        Pixels of the left image.
+    disparity : (N,) array
+        ``u_left - u_right``, px.
+    sigma : (N,) array or float
+        Standard deviation of each measured coordinate, px, not negative.
+
+    Returns
+    -------
+    (N, 3, 3) float64
+        m².
+
+    Raises
+    ------
+    InputError
+        As `back_project`, or if sigma is negative or not finite.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> np.sqrt(covariance(rig, [[320, 240]], [25], 0.5)[0, 2, 2]).round(6)
+    np.float64(0.056569)
+    """
+    pixels, total = _pixels_and_total(rig, uv, disparity)
+    spread = np.asarray(sigma, np.float64)
+    if spread.shape not in ((), (len(pixels),)) or not np.all(np.isfinite(spread) & (spread >= 0)):
+        raise InputError(f"covariance: sigma has shape {spread.shape}, expected {len(pixels)} finite values >= 0")
+    scaled = _jacobian(rig, pixels, total) * np.reshape(spread, (-1, 1, 1))
+    return scaled @ scaled.transpose(0, 2, 1)
+
+
+def _jacobian(rig: Rig, pixels: FloatArray, total: FloatArray) -> FloatArray:
+    """Derivatives of (x, y, z) by (u_left, u_right, v); the disparity is u_left - u_right."""
+    z = rig.fx * rig.baseline / total
+    row = (pixels[:, 1] - rig.cy) / rig.fy
+    column = (pixels[:, 0] - rig.cx - rig.skew * row) / rig.fx
+    ray = np.column_stack([column, row, np.ones_like(z)])
+    by_disparity = ray * (-z / total)[:, None]
+    jacobian = np.zeros((len(z), 3, 3))
+    jacobian[:, :, 0] = by_disparity
+    jacobian[:, :, 1] = -by_disparity
+    jacobian[:, 0, 0] += z / rig.fx
+    jacobian[:, 0, 2] = -z * rig.skew / (rig.fx * rig.fy)
+    jacobian[:, 1, 2] = z / rig.fy
+    return jacobian
+
+
+def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    pixels, shifts = np.asarray(uv, np.float64), np.asarray(disparity, np.float64)
+    if pixels.ndim != 2 or pixels.shape[1] != 2 or shifts.shape != (len(pixels),):
+        raise InputError(f"uv has shape {pixels.shape} and disparity {shifts.shape}, expected (N, 2) and (N,)")
+    if not (np.isfinite(pixels).all() and np.isfinite(shifts).all()):
+        raise InputError("uv or disparity holds values that are not finite, expected finite px")
+    total = shifts + rig.doffs
+    if np.any(total <= 0):
+        row = int(np.argmin(total))
+        raise InputError(f"disparity[{row}] + doffs is {total[row]:g} px, expected a positive number")
+    return pixels, total
+
+
+def check_pair(pair: StereoPair) -> None:
+    """Check that a pair can be worked on.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says.
+
+    Raises
+    ------
+    InputError
+        If not; the message names the pair, what differs and what was expected.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=32, cy=24, baseline=0.1, width=64, height=48)
+    >>> check_pair(StereoPair(np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8), rig))
+    """
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        _check_image(f"{pair.name}: {side} image", image)
+    left, right = pair.left, pair.right
+    if left.shape != right.shape:
+        raise InputError(f"{pair.name}: left image is {_size(left)}, right {_size(right)}, expected the same size")
+    if left.dtype != right.dtype:
+        raise InputError(f"{pair.name}: left image is {left.dtype}, right {right.dtype}, expected the same dtype")
+    if left.shape[:2] != (pair.rig.height, pair.rig.width):
+        raise InputError(
+            f"{pair.name}: images are {_size(left)}, but the calibration is for {pair.rig.width} x {pair.rig.height} px"
+        )
+
+
+def _check_image(what: str, image: NDArray[Any]) -> None:
+    if not isinstance(image, np.ndarray) or image.dtype not in _DTYPES:
+        kind = getattr(image, "dtype", type(image).__name__)
+        raise InputError(f"{what} is {kind}, expected an array of uint8, uint16 or float")
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or image.size == 0:
+        raise InputError(f"{what} has shape {image.shape}, expected (H, W) or (H, W, 3)")
+    height, width = image.shape[:2]
+    if max(height, width) > LARGEST_SIDE or height * width > LARGEST_AREA:
+        raise InputError(f"{what} is {_size(image)}, expected at most {LARGEST_SIDE} a side and {LARGEST_AREA} in all")
+    if image.dtype.kind == "f":
+        low, high = float(image.min()), float(image.max())
+        if not (low >= 0 and high <= 1):
+            raise InputError(f"{what} has values from {low:g} to {high:g}, expected 0 to 1 (float images), all finite")
+
+
+def _size(image: NDArray[Any]) -> str:
+    colour = " in colour" if image.ndim == 3 else ""
+    return f"{image.shape[1]} x {image.shape[0]} px{colour}"

@@ -1,0 +1,105 @@
+"""The house keeps its shape: arrows point down, the wings never meet, functions stay short."""
+
+import ast
+import statistics
+from pathlib import Path
+
+import tspslam
+
+SRC = Path(tspslam.__file__).parent
+BELOW = {  # what each room may import, besides itself
+    "cli": {"pipeline", "config", "datasets", "io", "view", "session", "topology", "_jit", "types", "errors"},
+    "pipeline": {"config", "session", "io", "datasets", "view", "vision", "topology", "types", "errors"},
+    "config": {"session", "vision", "topology", "errors"},
+    "session": {"vision", "topology", "types", "errors"},
+    "datasets": {"vision", "io", "types", "errors"},
+    "io": {"topology", "types", "errors"},
+    "view": {"topology", "types", "errors"},
+    "vision": {"types", "errors", "_jit"},
+    "topology": {"types", "errors", "_jit"},
+    "types": {"errors"},
+    "errors": set(),
+    "_jit": set(),
+    "__main__": {"cli"},
+}
+FILES = {path.relative_to(SRC).with_suffix("").as_posix(): ast.parse(path.read_text()) for path in SRC.rglob("*.py")}
+
+
+def imports_of(name: str) -> set[str]:
+    """Modules of the package that a file imports, as paths below the package."""
+    folder = name.split("/")[:-1]
+    found = set()
+    for node in ast.walk(FILES[name]):
+        if not isinstance(node, ast.ImportFrom) or not (node.level or (node.module or "").startswith("tspslam")):
+            continue
+        base = folder[: len(folder) + 1 - node.level] if node.level else []
+        inner = (node.module or "").removeprefix("tspslam").strip(".")
+        module = [*base, *([part for part in inner.split(".") if part])]
+        for alias in node.names:
+            target = "/".join([*module, alias.name])
+            found.add(target if target in FILES or f"{target}/__init__" in FILES else "/".join(module))
+    return {target for target in found if target}
+
+
+def test_arrows_point_down_and_the_wings_never_meet():
+    wrong = [
+        f"{name} -> {target}"
+        for name in FILES
+        if name != "__init__"
+        for target in imports_of(name)
+        if (room := name.split("/")[0]) != (other := target.split("/")[0]) and other not in BELOW[room]
+    ]
+    assert not wrong
+
+
+def test_imports_have_no_cycle():
+    graph = {name: {t if t in FILES else f"{t}/__init__" for t in imports_of(name)} for name in FILES if name != "__init__"}
+    done: set[str] = set()
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, " -> ".join([*above, name])
+        if name in done or name not in graph:
+            return
+        for target in graph[name] - {name}:
+            visit(target, (*above, name))
+        done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+def bodies():
+    for tree in FILES.values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                yield (body[-1].end_lineno - body[0].lineno + 1) if body else 0
+
+
+def test_functions_are_short():
+    lengths = sorted(bodies())
+    assert statistics.median(lengths) <= 10
+    assert lengths[int(0.9 * (len(lengths) - 1))] <= 30
+    assert lengths[-1] <= 60
+
+
+def test_files_are_one_idea():
+    assert max(path.read_text().count("\n") for path in SRC.rglob("*.py")) <= 450
+
+
+def public_definitions(tree: ast.Module | ast.ClassDef):
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield node
+            if isinstance(node, ast.ClassDef):
+                yield from public_definitions(node)
+
+
+def test_public_names_are_documented():
+    missing = [
+        f"{name}.{node.name}"
+        for name, tree in FILES.items()
+        for node in public_definitions(tree)
+        if not ast.get_docstring(node)
+    ]
+    assert not missing

@@ -1,0 +1,224 @@
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tspslam.errors import InputError, OutputError
+from tspslam.view import _scene as scene
+from tspslam.view import write_pictures, write_report
+from tspslam.view._frame import in_view
+
+RUN = {
+    "status": "complete",
+    "frames": 2,
+    "tracked": 2,
+    "points_per_frame": [36, np.int64(35)],
+    "complex": {"n": 36, "edges": 85, "faces": 50, "euler": 1},
+    "calibration": {"vertical_offset_px": -0.25, "std": {"vertical_px": float("nan")}},
+    "per_frame": [{"frame": 0, "points": 12345}, {"frame": 1, "points": None, "tracked": True}],
+    "settings": {"detector": "orb", "order": 1},
+    "warnings": [{"code": "offset", "message": "rows <b>differ</b>"}, "plain & simple"],
+}
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+VOID = {"meta", "link", "img", "br"}
+
+
+class Outline(HTMLParser):
+    """Tags in order, and whether each that opens is closed in turn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("script", "style"):
+            self.words.append(data)
+
+
+def outline(path: Path) -> Outline:
+    parsed = Outline()
+    parsed.feed(path.read_text(encoding="utf-8"))
+    parsed.close()
+    assert parsed.open == []
+    return parsed
+
+
+def without_scripts(path: Path) -> str:
+    return re.sub(r"<script.*?</script>", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def test_every_frame_gives_a_well_formed_page(odd_frame, tmp_path):
+    path = write_report(odd_frame, {}, [], tmp_path / "new" / "report.html")
+    parsed = outline(path)
+    assert [tag for tag, _ in parsed.seen].count("h1") == 1
+    assert "doi:10.3390/s25196103" in " ".join(parsed.words)
+
+
+def test_the_same_run_gives_the_same_bytes(frame, tmp_path):
+    pictures = write_pictures(frame, tmp_path)
+    first, second = (write_report(frame, RUN, pictures, tmp_path / f"{k}.html") for k in "ab")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_page_refers_to_nothing_outside_itself(frame, tmp_path):
+    path = write_report(frame, RUN, write_pictures(frame, tmp_path), tmp_path / "report.html")
+    assert not re.search(r"https?://|//www|url\(|@import", without_scripts(path))
+    for tag, attributes in outline(path).seen:
+        for name in ("src", "href"):
+            value = attributes.get(name)
+            assert value is None or value.startswith("data:"), (tag, value)
+    assert "default-src 'none'" in without_scripts(path)
+
+
+def test_names_and_numbers_of_the_user_are_escaped(build, tmp_path):
+    evil = "</title></script><script>alert(1)</script>\"'<img src=x onerror=alert(2)>"
+    run = {
+        evil: evil,
+        "status": evil,
+        "nested": {evil: evil},
+        "rows": [{evil: evil}],
+        "warnings": [{"code": evil, "message": evil}, evil],
+    }
+    picture = write_pictures(build(), tmp_path)[0].rename(tmp_path / "<b>&.png")
+    path = write_report(build(name=evil), run, [picture], tmp_path / "report.html")
+    plain = write_report(build(name="a"), {**dict.fromkeys("x", "a")}, [], tmp_path / "plain.html")
+    tags = [tag for tag, _ in outline(path).seen]
+    assert tags.count("script") == [tag for tag, _ in outline(plain).seen].count("script")
+    assert tags.count("img") == 1
+    assert evil in " ".join(outline(path).words)
+
+
+def test_numbers_of_the_run_are_shown_with_units(frame, tmp_path):
+    words = " ".join(outline(write_report(frame, RUN, [], tmp_path / "report.html")).words)
+    for shown in ("vertical offset [px]", "\N{MINUS SIGN}0.25", "–", "12\N{NARROW NO-BREAK SPACE}345", "yes", "36, 35"):
+        assert shown in words
+    for shown in (
+        "std.vertical [px]",
+        "complete",
+        "rows <b>differ</b>",
+        "plain & simple",
+        "Euler characteristic",
+        "orb",
+    ):
+        assert shown in words
+
+
+def test_long_tables_and_settings_are_folded(frame, tmp_path):
+    run = {"settings": {"a": 1}, "many": {f"k{i}": i for i in range(40)}, "few": {"b": 2}}
+    page = without_scripts(write_report(frame, run, [], tmp_path / "report.html"))
+    assert re.findall(r"<summary>(\w+)", page) == ["settings", "many"]
+    assert re.findall(r"<h3>(\w+)", page) == ["few"]
+
+
+def test_pictures_are_embedded_with_captions_and_equations(frame, tmp_path):
+    pictures = write_pictures(frame, tmp_path)
+    path = write_report(frame, {}, pictures, tmp_path / "report.html")
+    images = [a for tag, a in outline(path).seen if tag == "img"]
+    assert len(images) == len(pictures)
+    assert all(a["src"].startswith("data:image/jpeg;base64,") and a["width"] == "1400" for a in images)
+    assert "eqs (12) and (19)-(22)" in " ".join(outline(path).words)
+
+
+def test_every_view_has_its_button_and_its_traces(frame):
+    views = scene.scene_views(frame)
+    labels = ["Face signal", "Vertex signal", "Edge signal", "Depth", "Magnitude", "Phase"]
+    assert [view.label for view in views] == labels
+    figure = scene.scene_figure(views)
+    assert [trace.visible for trace in figure.data] == [True] + [False] * 5
+    assert figure.layout.scene.aspectmode == "data"
+
+
+def test_the_scene_stands_upright_and_shows_every_face_once(odd):
+    frame = odd("unseen points")
+    whole = in_view(frame)[frame.complex_.faces].all(axis=1)
+    for view in scene.scene_views(frame):
+        if view.label != "Edge signal":
+            assert sum(len(trace.i) for trace in view.traces) == whole.sum()
+    shown = scene.scene_views(frame)[0].traces[0]
+    seen = frame.cloud.xyz[np.unique(frame.complex_.faces[whole])]
+    np.testing.assert_allclose(np.stack([shown.x, -np.asarray(shown.z), shown.y], 1), seen, rtol=1e-6)
+
+
+def test_faces_without_a_value_are_grey(odd):
+    for view in scene.scene_views(odd("nothing defined")):
+        if view.label != "Depth":
+            assert all(trace.color == scene.BARE for trace in view.traces)
+
+
+def test_a_scene_too_large_for_a_browser_is_thinned_and_says_so(frame, monkeypatch):
+    monkeypatch.setattr(scene, "MOST_FACES", 20)
+    monkeypatch.setattr(scene, "MOST_EDGES", 40)
+    assert len(scene.scene_views(frame)[0].traces[0].i) == 17
+    assert "one face in 3" in scene.thinned(frame)
+    assert "one edge in 3" in scene.thinned(frame)
+
+
+def test_a_picture_that_is_none_is_an_input_error(frame, tmp_path):
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n")
+    for name in ("broken.png", "missing.png"):
+        with pytest.raises(InputError, match=name):
+            write_report(frame, {}, [tmp_path / name], tmp_path / "report.html")
+
+
+def test_a_page_that_cannot_be_written_is_an_output_error(frame, tmp_path):
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(OutputError, match="could not write"):
+        write_report(frame, {}, [], tmp_path / "report.html")
+    assert [x.name for x in tmp_path.iterdir()] == ["report.html"]
+
+
+WATCH = """<script>
+const log = [];
+const note = (text) => { log.push(text); };
+addEventListener("error", (e) => note("error: " + e.message));
+addEventListener("unhandledrejection", (e) => note("rejection: " + e.reason));
+addEventListener("securitypolicyviolation", (e) => note("blocked: " + e.blockedURI));
+addEventListener("load", () => setTimeout(() => {
+  const buttons = [...document.querySelectorAll(".switch button")];
+  for (const b of buttons) b.click();
+  setTimeout(() => {
+    const loaded = performance.getEntriesByType("resource").map((e) => e.name);
+    for (const name of loaded) if (!/^(data|blob):/.test(name)) note("request: " + name);
+    const shown = document.getElementById("mesh").data.map((t) => t.visible);
+    document.body.dataset.log = JSON.stringify(log);
+    document.body.dataset.shown = JSON.stringify(shown);
+    document.body.dataset.buttons = buttons.length;
+  }, 1500);
+}, 1500));
+</script>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+def test_a_browser_opens_the_page_without_a_request_or_an_error(frame, tmp_path):
+    path = write_report(frame, RUN, write_pictures(frame, tmp_path)[:1], tmp_path / "report.html")
+    page = path.read_text(encoding="utf-8")
+    watched = tmp_path / "watched.html"
+    watched.write_text(page.replace("<title>", WATCH + "<title>", 1), encoding="utf-8")
+    command = [
+        *(BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader"),
+        *("--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run", "--disable-sync"),
+        *("--disable-component-update", f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=15000"),
+        *("--dump-dom", watched.as_uri()),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True, encoding="utf-8")
+    (body,) = re.findall(r"<body [^>]*>", done.stdout)
+    assert 'data-log="[]"' in body
+    assert 'data-buttons="6"' in body
+    assert "[false,false,false,false,false,true]" in body
+    assert "</canvas>" in done.stdout
