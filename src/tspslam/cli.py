@@ -142,17 +142,25 @@ def main() -> None:
 
 def _exit_code(arguments: list[str]) -> int:
     try:
-        flags = [a for a in arguments if a != "--debug"]
-        outcome = typer.main.get_command(app).main(flags, prog_name="tspslam", standalone_mode=False)
-        return outcome if isinstance(outcome, int) else COMPLETE
-    except typer.Exit as stop:
-        return stop.exit_code
+        code = _run(arguments)
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted; the same command goes on where this one stopped", INTERRUPTED)
+        code = INTERRUPTED
     except Exception as error:
         if "--debug" in arguments:
             raise
         return _complain(_line(error), _code_of(error))
+    if code == INTERRUPTED:
+        return _complain("interrupted; the same command goes on where this one stopped", INTERRUPTED)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    words = [word for word in arguments if word != "--debug"]
+    try:
+        outcome = typer.main.get_command(app).main(words, prog_name="tspslam", standalone_mode=False)
+    except typer.Exit as stop:
+        return stop.exit_code
+    return outcome if isinstance(outcome, int) else COMPLETE
 
 
 def _code_of(error: Exception) -> int:
@@ -184,7 +192,7 @@ def _open_source(paths: list[Path], calib: Path | None) -> Source:
     if len(paths) == 2:
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-        return OnePair(datasets.pair_from_files(*paths, calib))
+        return OnePair(datasets.pair_from_files(paths[0], paths[1], calib))
     if calib is not None:
         raise typer.BadParameter("goes with a pair of files; a folder has its own calib.yaml", param_hint="--calib")
     if not paths:
@@ -222,7 +230,7 @@ def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
     """A bar on stderr if it is a terminal, else a line every tenth of the frames."""
     if not sys.stderr.isatty():
         every = max(1, total // 10)
-        yield lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if done % every == 0 else None
+        yield lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if of > 1 and done % every == 0 else None
         return
     from rich.console import Console
     from rich.progress import Progress

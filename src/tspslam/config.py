@@ -14,7 +14,7 @@ import yaml
 from .errors import InputError
 from .session import Settings
 from .topology.harmonic import Tmahf
-from .vision.matching import RowMatcher
+from .vision.reconstruct import PAPER_MATCHER
 
 PRESETS = ("default", "paper")
 _LARGEST = 1 << 20
@@ -68,7 +68,7 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
 
     Examples
     --------
-    >>> resolve(assignments=["filter.order=2"]).settings.filter.order
+    >>> resolve(assignments=["filter.order=2"]).values["filter.order"]
     2
     """
     settings = _preset(preset)
@@ -97,7 +97,7 @@ def _preset(name: str) -> Settings:
     if name not in PRESETS:
         raise InputError(f"preset is {name!r}, expected one of {', '.join(PRESETS)}")
     if name == "paper":
-        return Settings(matcher=RowMatcher.paper(), filter=Tmahf(centering="none"))
+        return Settings(matcher=PAPER_MATCHER, filter=Tmahf(centering="none"))
     return Settings()
 
 
@@ -124,8 +124,8 @@ def _read(file: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{file}: not plain YAML ({' '.join(str(error).split())[:120]})") from error
     stages = {} if tree is None else tree
-    if not isinstance(stages, Mapping) or not all(isinstance(stage, Mapping) for stage in stages.values()):
-        raise InputError(f"{file}: expected a mapping of stages, each a mapping of settings")
+    if not isinstance(stages, Mapping):
+        raise InputError(f"{file}: expected a mapping of stages")
     return dict(_leaves(stages))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from .errors import InputError
@@ -10,10 +11,10 @@ from .topology.complex import Complex, build_complex
 from .topology.harmonic import Tmahf
 from .topology.surface import DelaunaySurface
 from .topology.texture import sample_signals
-from .types import Cloud, Image, Response, Rig, Signals, StereoPair, Surface
+from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface
 from .vision.features import OrbDetector
 from .vision.matching import RowMatcher
-from .vision.reconstruct import StereoQuality, reconstruct_with_quality
+from .vision.reconstruct import Detector, Matcher, StereoQuality, reconstruct_with_quality
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ class Settings:
 
     Examples
     --------
-    >>> Settings(filter=Tmahf(order=2)).filter.order
-    2
+    >>> Settings(filter=Tmahf(order=2)).filter
+    Tmahf(order=2, centering=None)
     """
 
-    detector: OrbDetector = field(default_factory=OrbDetector)
-    matcher: RowMatcher = field(default_factory=RowMatcher)
-    surface: DelaunaySurface = field(default_factory=DelaunaySurface)
-    filter: Tmahf = field(default_factory=Tmahf)
+    detector: Detector = field(default_factory=OrbDetector)
+    matcher: Matcher = field(default_factory=RowMatcher)
+    surface: Callable[[Cloud], Surface] = field(default_factory=DelaunaySurface)
+    filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,12 @@ def test_a_continuous_scale_is_added_where_one_class_holds_nearly_all(frame, tmp
     assert ("keypoints_depth" in names) is second
 
 
+@pytest.mark.parametrize(("far", "logarithmic"), [(12.0, False), (80.0, True)])
+def test_depth_has_a_logarithmic_scale_where_its_range_is_wide(frame, far, logarithmic):
+    axes = p.mesh_depth_picture(_at_depths(frame, np.geomspace(2, far, 36))).axes[1]
+    assert (axes.get_yscale() == "log") is logarithmic
+
+
 def test_elements_without_a_signal_are_left_out_and_counted(frame):
     signals = frame.signals
     edge_ok, face_ok = signals.edge_ok.copy(), signals.face_ok.copy()

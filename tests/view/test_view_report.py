@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tspslam.errors import InputError, OutputError
+from tspslam.types import Cloud
 from tspslam.view import _scene as scene
 from tspslam.view import write_pictures, write_report
 from tspslam.view._frame import in_view
@@ -141,7 +143,6 @@ def test_every_view_has_its_button_and_its_traces(frame):
     assert [view.label for view in views] == labels
     figure = scene.scene_figure(views)
     assert [trace.visible for trace in figure.data] == [True] + [False] * 5
-    assert figure.layout.scene.aspectmode == "data"
 
 
 def test_the_scene_stands_upright_and_shows_every_face_once(odd):
@@ -153,6 +154,23 @@ def test_the_scene_stands_upright_and_shows_every_face_once(odd):
     shown = scene.scene_views(frame)[0].traces[0]
     seen = frame.cloud.xyz[np.unique(frame.complex_.faces[whole])]
     np.testing.assert_allclose(np.stack([shown.x, -np.asarray(shown.z), shown.y], 1), seen, rtol=1e-6)
+
+
+def test_axes_have_equal_scale_and_hold_every_vertex(frame):
+    layout = scene.scene_figure(scene.scene_views(frame)).layout.scene
+    ranges = np.array([layout.xaxis.range, layout.yaxis.range, layout.zaxis.range])
+    ratio = np.array([layout.aspectratio.x, layout.aspectratio.y, layout.aspectratio.z])
+    np.testing.assert_allclose(ratio / ratio[0], np.ptp(ranges, axis=1) / np.ptp(ranges[0]))
+    low, high = frame.cloud.xyz.min(axis=0), frame.cloud.xyz.max(axis=0)
+    np.testing.assert_allclose(ranges, [[low[0], high[0]], [low[2], high[2]], [-high[1], -low[1]]], rtol=1e-6)
+
+
+def test_a_wide_range_of_depth_has_a_logarithmic_scale(frame):
+    z = np.geomspace(2, 100, len(frame.cloud))
+    wide = replace(frame, cloud=Cloud(frame.cloud.xyz / frame.cloud.xyz[:, 2:] * z[:, None], frame.cloud.uv, 1 / z))
+    (trace,) = scene.scene_views(wide)[3].traces
+    assert trace.colorbar.ticktext == ("5", "10", "20", "50")
+    np.testing.assert_allclose(10 ** np.array(trace.colorbar.tickvals), [5, 10, 20, 50])
 
 
 def test_faces_without_a_value_are_grey(odd):

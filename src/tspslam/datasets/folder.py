@@ -91,6 +91,11 @@ class StereoFolder:
                 "expected pairs of the same name"
             )
 
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.path.resolve().name
+
     def __len__(self) -> int:
         return len(self._files)
 

@@ -38,6 +38,9 @@ class Tmahf:
     order: int = 1
     centering: Centering | None = None
 
+    def __post_init__(self) -> None:
+        _checked_mode(self.order, self.centering)
+
     def __call__(self, complex_: Complex, uv: ArrayLike, signals: Signals) -> Response:
         """Filter `signals`; see `tmahf`."""
         return tmahf(complex_, uv, signals, order=self.order, centering=self.centering)

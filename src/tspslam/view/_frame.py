@@ -168,12 +168,37 @@ def phase_on_faces(faces: NDArray[np.int32], at_vertices: Shown) -> Shown:
 
 
 def limits(values: FloatArray, low: float = 1.0, high: float = 99.0) -> tuple[float, float]:
-    """Choose a colour range: two percentiles of the values, a little around a single value, (0, 1) for none."""
+    """Choose a colour range: two percentiles of the values, a little around a single value, (0, 1) for none.
+
+    Examples
+    --------
+    >>> limits(np.arange(101.0))
+    (1.0, 99.0)
+    >>> limits(np.empty(0))
+    (0.0, 1.0)
+    """
     if not len(values):
         return 0.0, 1.0
     bottom, top = (float(x) for x in np.percentile(values, [low, high]))
     least = max(1e-3 * max(abs(bottom), abs(top)), 1e-9)
     return (bottom, top) if top - bottom > least else (bottom - least, top + least)
+
+
+def log_steps(low: float, high: float) -> list[float]:
+    """List 1, 2 and 5 times the powers of ten in a range, 0 < low < high: the ticks of a logarithmic scale.
+
+    Examples
+    --------
+    >>> log_steps(3, 60)
+    [5.0, 10.0, 20.0, 50.0]
+    """
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    return [float(f"{m}e{k}") for k in powers for m in (1, 2, 5) if low <= float(f"{m}e{k}") <= high]
+
+
+def wide(low: float, high: float) -> bool:
+    """Tell whether a range of depth is so wide that a linear scale would show only its far end."""
+    return low > 0 and high / low > 8
 
 
 def in_view(frame: FrameView) -> BoolArray:

@@ -37,7 +37,7 @@ h3::first-letter, summary::first-letter, tr > th::first-letter { text-transform:
 .switch button:hover { border-color: var(--accent); }
 .switch button:focus-visible { outline: 2px solid var(--accent); outline-offset: 2px; }
 .switch button[aria-pressed="true"] { background: var(--accent); border-color: var(--accent); color: var(--card); }
-.plot { height: min(72vh, 640px); min-height: 380px; overflow: hidden; }
+.plot { height: clamp(300px, 62vw, 620px); overflow: hidden; }
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(320px, 100%), 1fr)); gap: 0.9rem;
   align-items: start; }
 .card { padding: 0.9rem 1.1rem; min-width: 0; }

@@ -17,24 +17,28 @@ from ._frame import (
     in_view,
     limits,
     log_magnitude,
+    log_steps,
     on_faces,
     one_channel,
     phase,
     phase_colours,
     phase_on_faces,
+    wide,
 )
 
 MOST_FACES, MOST_EDGES = 150_000, 60_000  # beyond these a browser crawls: every k-th is shown, and the page says so
 GREYS = [[0.0, "#101215"], [1.0, "#ffffff"]]
 BARE, INK, GRID = "#8d97a3", "#7d8894", "#a9b3bd"  # legible on a light and on a dark page
-CENTRE = {"x": -0.04, "y": 0.0, "z": -0.16}
+CENTRE = {"x": 0.0, "y": 0.0, "z": -0.06}
 LIGHTING = {"ambient": 0.74, "diffuse": 0.34, "specular": 0.0, "roughness": 1.0, "fresnel": 0.0} | {
     "facenormalsepsilon": 0.0,
     "vertexnormalsepsilon": 0.0,
 }
 LIGHT = {"x": -40000.0, "y": -90000.0, "z": 55000.0}
-EYE = {"x": -0.66, "y": -1.3, "z": 0.4}  # behind the camera, to its left, above it
+EYE = np.array([-0.42, -0.86, 0.3]) * 1.95  # behind the camera, to its left, above it, in radii of the scene
 
+HOVER = "right %{x:.2f} m<br>forward %{y:.2f} m<br>up %{z:.2f} m<extra></extra>"
+LUMINANCE, PHASE, LOG_DEPTH = "luminance", "arg r [rad]", "z [m], logarithmic"
 Trace = Any  # go.Mesh3d or go.Scatter3d
 
 
@@ -89,9 +93,16 @@ def scene_figure(views: list[View]) -> go.Figure:
         "nticks": 7,
     }
     names = {"xaxis": "x right [m]", "yaxis": "z forward [m]", "zaxis": "−y up [m]"}
-    scene = {key: {**axis, "title": {"text": name}} for key, name in names.items()}
+    low, high = _bounds(traces)
+    scene = {
+        key: {**axis, "title": {"text": name}, "range": [float(low[k]), float(high[k])]}
+        for k, (key, name) in enumerate(names.items())
+    }
+    size = (high - low) / (np.linalg.norm(high - low) / 2)
+    camera = {"eye": dict(zip("xyz", EYE.tolist(), strict=True)), "center": CENTRE}
+    ratio = dict(zip("xyz", size.tolist(), strict=True))
     layout = go.Layout(
-        scene={**scene, "aspectmode": "data", "camera": {"eye": EYE, "center": CENTRE}, "dragmode": "turntable"},
+        scene={**scene, "aspectmode": "manual", "aspectratio": ratio, "camera": camera, "dragmode": "turntable"},
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
         paper_bgcolor="rgba(0,0,0,0)",
         font={"color": INK, "size": 12, "family": "system-ui, sans-serif"},
@@ -101,11 +112,20 @@ def scene_figure(views: list[View]) -> go.Figure:
     return go.Figure(traces, layout)
 
 
+def _bounds(traces: list[Trace]) -> tuple[FloatArray, FloatArray]:
+    """Corners of the box around everything, no side less than a hundredth of the longest."""
+    places = [[np.asarray(trace[axis], np.float64) for axis in "xyz"] for trace in traces]
+    low = np.array([[np.nanmin(c) for c in place] for place in places]).min(axis=0)
+    high = np.array([[np.nanmax(c) for c in place] for place in places]).max(axis=0)
+    pad = np.maximum(0.01 * max(float((high - low).max()), 1e-3) - (high - low), 0) / 2
+    return low - pad, high + pad
+
+
 def thinned(frame: FrameView) -> str:
     """Say what the interactive scene leaves out, for its caption; empty if nothing."""
     keep = in_view(frame)
     hidden = int((~keep).sum())
-    words = f" {hidden} far or unseen points are not shown." if hidden else ""
+    words = f" Points not shown, far off or unseen: {hidden}." if hidden else ""
     for what, elements, most in (
         ("face", frame.complex_.faces, MOST_FACES),
         ("edge", frame.complex_.edges, MOST_EDGES),
@@ -145,17 +165,24 @@ def _levels(frame: FrameView) -> list[tuple[str, str, Shown, Any]]:
     luminance = Shown(one_channel(frame.signals.vertex), frame.signals.vertex_ok)
     cyclic = ["#" + "".join(f"{c:02x}" for c in rgb) for rgb in np.rint(255 * phase_colours(25)).astype(int)]
     return [
-        ("Vertex signal", "luminance", luminance, GREYS),
-        ("Depth", "z [m]", depth(frame), "Viridis"),
+        ("Vertex signal", LUMINANCE, luminance, GREYS),
+        ("Depth", *_depth(frame), "Viridis"),
         ("Magnitude", "log₁₀ |r|", log_magnitude(frame)[0], "Inferno"),
-        ("Phase", "arg r [rad]", phase(frame), cyclic),
+        ("Phase", PHASE, phase(frame), cyclic),
     ]
+
+
+def _depth(frame: FrameView) -> tuple[str, Shown]:
+    shown = depth(frame)
+    if not wide(*limits(shown.values[shown.ok])):
+        return "z [m]", shown
+    return LOG_DEPTH, Shown(np.log10(np.where(shown.ok, shown.values, 1.0)), shown.ok)
 
 
 def _face_views(frame: FrameView, mesh: _Mesh) -> list[View]:
     faces = frame.complex_.faces
     luminance = Shown(one_channel(frame.signals.face), frame.signals.face_ok)
-    views = [View("Face signal", _coloured(mesh, luminance, "luminance", GREYS))]
+    views = [View("Face signal", _coloured(mesh, luminance, LUMINANCE, GREYS))]
     for label, unit, shown, scale in _levels(frame):
         if label == "Vertex signal":
             views.append(View(label, _smooth(mesh, shown, unit, scale)))
@@ -196,8 +223,8 @@ def _trace(mesh: _Mesh, faces: NDArray[np.int32], values: FloatArray, mode: str,
         colorscale=scale,
         cmin=low,
         cmax=high,
-        colorbar=_colour_bar(unit),
-        hoverinfo="x+y+z",
+        colorbar=_colour_bar(unit, low, high),
+        hovertemplate=HOVER,
     )
 
 
@@ -222,15 +249,18 @@ def _geometry(mesh: _Mesh, faces: NDArray[np.int32]) -> dict[str, Any]:
 
 
 def _range(values: FloatArray, unit: str) -> tuple[float, float]:
-    if unit == "arg r [rad]":
+    if unit == PHASE:
         return -np.pi, np.pi
-    return (0.0, 1.0) if unit == "luminance" else limits(values)
+    return (0.0, 1.0) if unit == LUMINANCE else limits(values)
 
 
-def _colour_bar(unit: str) -> dict[str, Any]:
+def _colour_bar(unit: str, low: float, high: float) -> dict[str, Any]:
     title = {"text": unit, "side": "right"}
     bar: dict[str, Any] = {"title": title, "thickness": 12, "len": 0.7, "outlinewidth": 0, "x": 1}
-    if unit == "arg r [rad]":
+    if unit == LOG_DEPTH:
+        depths = log_steps(10**low, 10**high)
+        bar |= {"tickvals": np.log10(depths).tolist(), "ticktext": [f"{z:g}" for z in depths]}
+    if unit == PHASE:
         ticks = [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi]
         bar |= {"tickvals": ticks, "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
     return bar
@@ -244,9 +274,11 @@ def _dot_views(frame: FrameView, mesh: _Mesh) -> list[View]:
         if len(values):
             low, high = _range(values, unit)
             marker = {"size": 3, "color": values.astype(np.float32), "colorscale": scale, "cmin": low, "cmax": high}
-            marker |= {"colorbar": _colour_bar(unit)}
+            marker |= {"colorbar": _colour_bar(unit, low, high)}
             x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz[ok].T)
-            views.append(View(label, (go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hoverinfo="x+y+z"),)))
+            views.append(
+                View(label, (go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=HOVER),))
+            )
     return views
 
 
@@ -261,5 +293,5 @@ def _edge_view(frame: FrameView, keep: BoolArray) -> View | None:
     x, y, z = ([c for a, b in ends[:, :, axis].tolist() for c in (a, b, None)] for axis in range(3))
     values = np.repeat(one_channel(signals.edge)[rows], 3).astype(np.float32)
     line = {"color": values, "colorscale": "Viridis", "cmin": 0.0, "cmax": 1.0, "width": 3}
-    line |= {"colorbar": _colour_bar("luminance")}
+    line |= {"colorbar": _colour_bar(LUMINANCE, 0.0, 1.0)}
     return View("Edge signal", (go.Scatter3d(x=x, y=y, z=z, mode="lines", line=line, hoverinfo="skip"),))

@@ -137,7 +137,13 @@ def _dots(axes: Axes, viewer: Viewer, xyz: FloatArray, rgb: FloatArray) -> None:
 
 
 def grid_step(extent: float) -> float:
-    """Choose a round length, 1, 2 or 5 times a power of ten, of which `extent` holds four to eight."""
+    """Choose a round length, 1, 2 or 5 times a power of ten, of which `extent` holds at most eight.
+
+    Examples
+    --------
+    >>> grid_step(7.0), grid_step(0.31)
+    (1.0, 0.05)
+    """
     rough = max(extent, 1e-6) / 8
     power = 10.0 ** np.floor(np.log10(rough))
     return float(power * next(m for m in (1, 2, 5, 10) if rough <= m * power * (1 + 1e-9)))

@@ -12,18 +12,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from ..types import FloatArray, Image
-from ._frame import grey, phase_colours
+from ._frame import grey, log_steps, phase_colours
 
 FONT = "DejaVu Sans"
 WIDTH, DPI = 10.0, 140  # inches, dots per inch: 1400 px
 INK, QUIET, RULE, PAPER = "#1b2430", "#64707d", "#c9d0d6", "#ffffff"
 LEFT, RIGHT, TOP, BOTTOM, BAR = 0.3, 0.3, 0.62, 0.24, 1.15
-CAPTION_LINE, CAPTION_WIDTH = 0.2, 132
+CAPTION_LINE, CAPTION_WIDTH = 0.2, 140
 TALLEST, LOWEST = 9.0, 1.4
 
 
@@ -98,7 +98,13 @@ def text(
 
 
 def drawable(words: str) -> str:
-    """Replace each character that the font cannot draw by a question mark."""
+    """Replace each character that the font cannot draw by a question mark.
+
+    Examples
+    --------
+    >>> drawable("ψ ≥ 0 漢")
+    'ψ ≥ 0 ?'
+    """
     return "".join(c if c == "\n" or (c.isprintable() and ord(c) in _charmap()) else "?" for c in words)
 
 
@@ -113,6 +119,10 @@ def colour_bar(figure: Figure, axes: Axes, norm: Normalize, cmap: Colormap | str
     bar = figure.add_axes((box.x1 + 0.16 / WIDTH, box.y0, 0.16 / WIDTH, box.height))
     colours = figure.colorbar(ScalarMappable(norm, cmap), cax=bar, extend=extend, extendfrac=0.03)
     colours.outline.set(linewidth=0)
+    if isinstance(norm, LogNorm):
+        ticks = log_steps(float(norm.vmin or 1), float(norm.vmax or 1))
+        colours.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        colours.minorticks_off()
     bar.tick_params(labelsize=9, labelcolor=INK, labelfontfamily=FONT, color=RULE, length=3, width=0.8)
     bar.set_ylabel(label, fontproperties=FontProperties(family=FONT, size=9.5), color=INK, labelpad=7)
 

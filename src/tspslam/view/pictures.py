@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from ._frame import (
     phase,
     phase_on_faces,
     projected,
+    wide,
     write_atomic,
 )
 
@@ -68,6 +69,23 @@ def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
         If the parts of the frame do not belong together.
     OutputError
         If a picture cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from types import SimpleNamespace
+    >>> from tspslam import Cloud, Surface, build_complex, sample_signals, tmahf
+    >>> uv = np.array([[2.0, 2], [17, 3], [3, 16], [16, 17], [9, 10]])
+    >>> cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(5))
+    >>> surface = Surface(np.array([[0, 1, 4], [1, 3, 4], [3, 2, 4], [2, 0, 4]], np.int32))
+    >>> complex_, image = build_complex(surface.faces, 5), np.eye(20)
+    >>> signals = sample_signals(image, uv, complex_)
+    >>> response = tmahf(complex_, uv, signals, order=1)
+    >>> frame = SimpleNamespace(name="toy", image=image, cloud=cloud, surface=surface, complex_=complex_)
+    >>> frame.signals, frame.response = signals, response
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.stem for path in write_pictures(frame, folder)][:3]
+    ['keypoints', 'keypoints_depth', 'mesh_depth']
     """
     check_frame(frame)
     pictures: dict[str, Callable[[FrameView], Figure]] = {
@@ -145,7 +163,7 @@ def keypoint_depth_picture(frame: FrameView) -> Figure:
     shown = depth(frame)
     caption = f"{_count(int(shown.ok.sum()), 'point')}; colour: depth z, from the 1st to the 99th percentile."
     figure, axes = style.image_page(frame.image, "Keypoints by depth", frame.name, caption, side=True, tone="plain")
-    norm = _norm(shown)
+    norm = _depth_norm(shown)
     _dots(axes, frame.cloud.uv[shown.ok], style.colours(shown.values[shown.ok], norm, DEPTH_MAP), len(frame.cloud))
     _bar(figure, axes, shown, norm, DEPTH_MAP, "depth z [m]")
     return figure
@@ -163,7 +181,7 @@ def mesh_depth_picture(frame: FrameView) -> Figure:
     )
     caption += _missing(len(faces) - int(drawable.sum()), "face", "that the camera does not see whole")
     figure, axes = style.image_page(frame.image, "Mesh by depth", frame.name, caption, side=True, tone="light")
-    norm = _norm(shown)
+    norm = _depth_norm(shown)
     _edges(axes, frame, "#33404d", 0.3)
     _faces(
         axes,
@@ -297,6 +315,11 @@ def _texture(signal: FloatArray) -> FloatArray:
 
 def _norm(shown: Shown, low: float = 1.0, high: float = 99.0) -> Normalize:
     return Normalize(*limits(shown.values[shown.ok], low, high))
+
+
+def _depth_norm(shown: Shown) -> Normalize:
+    low, high = limits(shown.values[shown.ok])
+    return LogNorm(low, high) if wide(low, high) else Normalize(low, high)
 
 
 def _bar(figure: Figure, axes: Axes, shown: Shown, norm: Normalize, cmap: str, label: str) -> None:

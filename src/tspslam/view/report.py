@@ -28,6 +28,7 @@ POLICY = (
 LONG_TABLE = 14  # rows; longer ones are folded
 FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
 UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
+NAMES = {"n": "vertices", "euler": "Euler_characteristic"}
 CAPTIONS = {
     "keypoints": (
         "Keypoints by class of depth",
@@ -98,11 +99,26 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
         If the parts of the frame do not belong together, or a picture is not an image that can be read.
     OutputError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from types import SimpleNamespace
+    >>> from tspslam import Cloud, Response, Surface, build_complex, sample_signals
+    >>> uv, faces, image = np.array([[1.0, 1], [8, 2], [3, 7]]), np.array([[0, 1, 2]], np.int32), np.eye(10)
+    >>> frame = SimpleNamespace(name="toy", image=image, surface=Surface(faces), complex_=build_complex(faces, 3))
+    >>> frame.cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(3))
+    >>> frame.signals = sample_signals(image, uv, frame.complex_)
+    >>> frame.response = Response(np.ones(3, complex), 1, np.ones(3, bool))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = write_report(frame, {"status": "complete", "frames": 1}, [], f"{folder}/report.html")
+    ...     page.read_text(encoding="utf-8")[:15]
+    '<!DOCTYPE html>'
     """
     check_frame(frame)
     sections = [
         _header(frame, run),
-        _warnings(run.get("warnings", [])),
+        _warnings(run.get("warnings") or []),
         _scene(frame),
         _numbers(run, folded=False),
         _pictures(pictures),
@@ -235,7 +251,7 @@ def _card(key: str, rows: list[list[Any]], columns: list[str], *, folded: bool) 
 
 def _label(key: Any) -> str:
     """A key in words, with its unit: ``vertical_offset_px`` becomes "vertical offset [px]"."""
-    words = str(key).split("_")
+    words = NAMES.get(str(key), str(key)).split("_")
     unit = UNITS.get(words[-1].lower()) if len(words) > 1 else None
     return _text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
 

@@ -123,8 +123,8 @@ class OrbDetector:
     count: int = 2000
     scale_factor: float = 1.2
     levels: int = 8
-    fast_threshold: int = 7
-    oversampling: float = 2.0
+    fast_threshold: int = 10
+    oversampling: float = 1.5
     per_cell: float = 6.0
 
     def __post_init__(self) -> None:

@@ -13,7 +13,9 @@ from .consistency import supported
 from .hamming import HammingMatcher as HammingMatcher
 from .hamming import check_limits, check_range, median_and_spread, survey_disparities
 from .matches import Matches as Matches
-from .windows import Windows, refine, search, smooth_plane, vertical_offsets
+from .windows import Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
+
+_LEVEL = 0.05  # px of vertical offset that do no harm
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,12 @@ class RowMatcher:
 
     1. The range of disparities is surveyed with descriptors, within the limits given.
     2. Descriptors are matched along rows (`HammingMatcher`).
-    3. Left keypoints without a partner search their row in the right image by correlation, with uniqueness and a
+    3. The vertical offset of the pair is measured on these, and taken out if it is over 0.05 px.
+    4. Left keypoints without a partner search their row in the right image by correlation, with uniqueness and a
        search back. Windows lean on the pixels that look like their centre.
-    4. Every match is aligned to a fraction of a pixel from left to right and from right to left; both must agree,
+    5. Every match is aligned to a fraction of a pixel from left to right and from right to left; both must agree,
        and their mean is the disparity.
-    5. A match that none of its neighbours supports is dropped.
+    6. A match that fewer than two of its neighbours support is dropped.
 
     Parameters
     ----------
@@ -41,15 +44,17 @@ class RowMatcher:
     ratio : float
         A descriptor's distance must be less than this times that of the second nearest; at most 1.
     windows : Windows
-        Size and weights of the windows compared.
+        Size and weights of the windows compared from left to right.
+    back_windows : Windows
+        Those of the alignment from right to left; wider ones tell a match that only a depth edge holds.
     min_correlation : float
-        Least correlation of a match, below 1.
+        Least correlation of an aligned match, below 1; a search may start from 0.1 less.
     uniqueness : float
         In the row search, ``1 - correlation`` must be less than this times that of the best rival.
     max_disagreement : float
         Largest difference of the disparities found from left to right and from right to left, px.
     max_gain : float
-        Largest ratio of contrast between the two windows, either way; above 1.
+        Largest ratio of a window's contrast gain to the median one, either way; at least 1.
 
     Raises
     ------
@@ -68,10 +73,11 @@ class RowMatcher:
     max_hamming: int = 64
     ratio: float = 0.85
     windows: Windows = Windows()
-    min_correlation: float = 0.8
+    back_windows: Windows = Windows(radius=6, contrast=0.1)
+    min_correlation: float = 0.9
     uniqueness: float = 0.75
-    max_disagreement: float = 0.4
-    max_gain: float = 1.8
+    max_disagreement: float = 0.6
+    max_gain: float = 2.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -107,17 +113,26 @@ class RowMatcher:
         (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
         partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
         partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
-        planes = both(smooth_plane, (pair.left, pair.right))
+        planes, offset = self._level(both(smooth_plane, (pair.left, pair.right)), left.uv[i], guess[i])
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
         kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
-        offsets = vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows)
-        return Matches(kept, partner[kept], disparity[kept], score[kept], *median_and_spread(offsets))
+        rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows))
+        return Matches(kept, partner[kept], disparity[kept], score[kept], offset + rest, spread)
 
     def _descriptors(self) -> HammingMatcher:
         limits = self.max_disparity, self.min_disparity
         return HammingMatcher(*limits, self.row_tolerance, self.max_hamming, self.ratio)
+
+    def _level(
+        self, planes: list[NDArray[np.float32]], uv: FloatArray, disparity: FloatArray
+    ) -> tuple[list[NDArray[np.float32]], float]:
+        """Planes whose rows agree, and by how much the right one was moved, px; small offsets are left alone."""
+        offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.windows))
+        if abs(offset) < _LEVEL:
+            return planes, 0.0
+        return [planes[0], shift_rows(planes[1], offset)], offset
 
     def _search(
         self,
@@ -148,10 +163,11 @@ class RowMatcher:
         forth = refine(*planes, left.uv[rows], start[rows], self.windows)
         rows, forth = rows[forth.good], forth.where(forth.good)
         uv_right = left.uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
-        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.windows)
+        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_windows)
         agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
-        alike = np.minimum(forth.score, back.score) >= self.min_correlation
-        even = (forth.gain < self.max_gain) & (forth.gain > 1 / self.max_gain)
+        alike = forth.score >= self.min_correlation
+        gain = np.abs(np.log(forth.gain / np.median(forth.gain))) if len(rows) else forth.gain
+        even = gain <= np.log(self.max_gain)
         good = agree & alike & even
         disparity[rows[good]] = ((forth.disparity - back.disparity) / 2)[good]
         score[rows[good]] = forth.score[good]

@@ -41,7 +41,7 @@ class Windows:
     """
 
     radius: int = 4
-    contrast: float = 0.12
+    contrast: float = 0.07
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -103,6 +103,42 @@ def smooth_plane(image: NDArray[Any]) -> Plane:
 
     plane: Plane = cv2.GaussianBlur(luminance_levels(image), (5, 5), _SMOOTHING)
     return plane
+
+
+def shift_rows(plane: Plane, offset: float) -> Plane:
+    """Interpolate a plane at rows moved by an offset: ``out[v] = plane[v + offset]``, six points, edges repeated.
+
+    Parameters
+    ----------
+    plane : (H, W) float32
+        Smoothed plane.
+    offset : float
+        px, at most 16 either way.
+
+    Returns
+    -------
+    (H, W) float32
+
+    Examples
+    --------
+    >>> rows = np.arange(20, dtype=np.float32)[:, None].repeat(3, axis=1)
+    >>> float(shift_rows(rows, 0.25)[10, 1])
+    10.25
+    """
+    import cv2
+
+    from ._kernels import lagrange_taps
+
+    whole = int(np.floor(offset))
+    taps = np.empty(6, np.float32)
+    lagrange_taps(offset - whole, taps)
+    reach = abs(whole) + 3
+    column = np.zeros(2 * reach + 1, np.float32)
+    column[reach + whole - 2 : reach + whole + 4] = taps
+    shifted: Plane = cv2.sepFilter2D(
+        plane, cv2.CV_32F, np.ones(1, np.float32), column, borderType=cv2.BORDER_REPLICATE
+    )
+    return shifted
 
 
 def search(

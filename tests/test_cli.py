@@ -1,0 +1,329 @@
+"""What a person types: results, exit codes, one line for every error."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tspslam import cli
+from tspslam.io import read_frame, read_ply, read_vtu, write_ply
+
+
+def type_in(capsys, *words):
+    """Run the command line in this process: (exit code, stdout, stderr)."""
+    code = cli._exit_code([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def complain(capsys, *words):
+    """Exit code and the one line on stderr of a command that must fail."""
+    code, out, err = type_in(capsys, *words)
+    assert out == ""
+    lines = [line for line in err.splitlines() if not line.startswith("compiling")]
+    assert len(lines) == 1, err
+    return code, lines[0]
+
+
+def run_pair(capsys, folder, *more):
+    files = folder / "left.png", folder / "right.png"
+    return type_in(capsys, "run", *files, "--calib", folder / "calib.yaml", "--out", folder / "out", *more)
+
+
+def content(folder):
+    """Bytes of every file of a run but what may vary."""
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in folder.rglob("*") if p.is_file() and p.name != "timings.json"
+    }  # fmt: skip
+
+
+def test_a_pair_fills_the_run_folder(capsys, pair_files):
+    code, out, _ = run_pair(capsys, pair_files, "--json")
+    result = json.loads(out)
+    folder = pair_files / "out"
+    assert (code, result["status"], result["frames"]) == (0, "complete", 1)
+    names = set(content(folder)) | {"timings.json"}
+    assert names >= {"run.json", "timings.json", "config.yaml", "trajectory.tum", "trajectory.kitti.txt", "map.vtu",
+                     "map.ply", "report.html", "manifest.jsonl", "frames/000000.npz", "pictures/phase.png"}  # fmt: skip
+    assert not any(".tmp" in name for name in names)
+    stored = read_frame(folder / "frames/000000.npz")
+    assert len(stored.cloud) == result["complex"]["n"] > 50
+    assert json.loads((folder / "run.json").read_text())["complex"] == result["complex"]
+    mesh = read_vtu(folder / "map.vtu")
+    assert len(mesh.faces) == result["complex"]["faces"]
+    assert np.array_equal(np.unique(mesh.cell_data["dim"]), [1, 2])
+
+
+def test_the_same_command_again_keeps_every_byte_and_two_runs_agree(capsys, pair_files):
+    run_pair(capsys, pair_files)
+    first = content(pair_files / "out")
+    os.utime(pair_files / "out/frames/000000.npz", (1, 1))
+    assert run_pair(capsys, pair_files)[0] == 0
+    assert content(pair_files / "out") == first
+    assert (pair_files / "out/frames/000000.npz").stat().st_mtime == 1
+    shutil.rmtree(pair_files / "out")
+    run_pair(capsys, pair_files)
+    assert content(pair_files / "out") == first
+
+
+def test_one_and_two_threads_give_the_same_bytes(capsys, pair_files):
+    import cv2
+
+    before, threads = {}, cv2.getNumThreads()
+    for count in (1, 2):
+        cv2.setNumThreads(count)
+        run_pair(capsys, pair_files)
+        before[count] = content(pair_files / "out")
+        shutil.rmtree(pair_files / "out")
+    cv2.setNumThreads(threads)
+    assert before[1] == before[2]
+
+
+def test_a_folder_is_processed_frame_by_frame(capsys, sequence):
+    code, out, err = type_in(capsys, "run", sequence, "--out", sequence / "out", "--frames", "1:3", "--json")
+    assert code == 0
+    assert json.loads(out)["frames"] == 2
+    assert "frames are processed one by one" in err
+    assert sorted(p.name for p in (sequence / "out/frames").glob("*.npz")) == ["000001.npz", "000002.npz"]
+
+
+def test_a_frame_that_cannot_be_used_is_skipped_and_said(capsys, sequence):
+    (sequence / "right/001.png").write_bytes(b"")
+    code, out, err = type_in(capsys, "run", sequence, "--out", sequence / "out", "--json")
+    result = json.loads(out)
+    assert (code, result["status"], result["frames"], result["tracked"]) == (4, "degraded", 3, 2)
+    assert "frame 1: " in err
+    assert "001.png" in err
+
+
+def test_a_folder_in_which_nothing_can_be_used_is_bad_input(capsys, sequence):
+    for image in sequence.glob("left/*.png"):
+        image.write_bytes(b"no image")
+    code, out, err = type_in(capsys, "run", sequence, "--out", sequence / "out")
+    assert (code, out) == (3, "")
+    assert "none of 3 pairs can be used" in err
+
+
+def test_an_interrupted_run_says_how_to_resume_and_resumes(sequence):
+    command = [sys.executable, "-m", "tspslam", "run", str(sequence), "--out", str(sequence / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    while not (sequence / "out/frames/000000.npz").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted; the same command goes on" in err
+    assert "Traceback" not in err
+    assert subprocess.run(command, capture_output=True).returncode == 0
+    resumed = content(sequence / "out")
+    shutil.rmtree(sequence / "out")
+    subprocess.run(command, capture_output=True, check=True)
+    fresh = content(sequence / "out")
+    assert {n: b for n, b in resumed.items() if n != "manifest.jsonl"} == {
+        n: b for n, b in fresh.items() if n != "manifest.jsonl"
+    }
+
+
+def test_changed_settings_are_refused_by_name(capsys, pair_files):
+    run_pair(capsys, pair_files)
+    code, line = complain(
+        capsys, "run", pair_files / "left.png", pair_files / "right.png", "--calib", pair_files / "calib.yaml",
+        "--out", pair_files / "out", "--set", "filter.order=2",
+    )  # fmt: skip
+    assert code == 3
+    assert "filter.order" in line
+
+
+def test_a_folder_that_is_not_ours_is_refused(capsys, pair_files):
+    code, line = complain(
+        capsys, "run", pair_files / "left.png", pair_files / "right.png", "--calib", pair_files / "calib.yaml",
+        "--out", pair_files,
+    )  # fmt: skip
+    assert code == 3
+    assert "run folder of ours" in line
+
+
+def test_an_output_that_cannot_be_written_is_code_5(capsys, pair_files):
+    code, line = complain(
+        capsys, "run", pair_files / "left.png", pair_files / "right.png", "--calib", pair_files / "calib.yaml",
+        "--out", pair_files / "left.png" / "out",
+    )  # fmt: skip
+    assert code == 5
+    assert "left.png" in line
+
+
+def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files):
+    script = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000));"
+        "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "from tspslam import cli; sys.exit(cli._exit_code(sys.argv[1:]))"
+    )
+    words = ["run", "left.png", "right.png", "--calib", "calib.yaml", "--out", "out"]
+    environment = os.environ | {"NUMBA_DISABLE_CACHING": "1"}
+    done = subprocess.run([sys.executable, "-c", script, *words], cwd=pair_files, capture_output=True, text=True, env=environment)
+    assert done.returncode == 5, done.stderr
+    assert "Traceback" not in done.stderr
+    left = [p.name for p in (pair_files / "out").rglob("*") if p.is_file()]
+    assert not any("tmp" in name or name.endswith(".npz") for name in left)
+
+
+@pytest.mark.parametrize(("spoil", "message"), [
+    (lambda p: (p / "left.png").unlink(), "left.png"),
+    (lambda p: (p / "left.png").write_bytes(b""), "empty"),
+    (lambda p: (p / "left.png").write_bytes((p / "left.png").read_bytes()[:5000]), "left.png"),
+    (lambda p: (p / "left.png").write_text("not an image"), "left.png"),
+    (lambda p: Image.new("RGB", (100, 50)).save(p / "right.png"), "100"),
+    (lambda p: Image.new("I;16", (300, 200)).save(p / "right.png"), "in colour, right"),
+    (lambda p: [Image.new("L", (300, 200), 99).save(p / f"{s}.png") for s in ("left", "right")], "keypoint"),
+    (lambda p: (p / "calib.yaml").write_text("fx: 500\n"), "calib.yaml"),
+])  # fmt: skip
+def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
+    spoil(pair_files)
+    code, line = complain(
+        capsys, "run", pair_files / "left.png", pair_files / "right.png", "--calib", pair_files / "calib.yaml",
+        "--out", pair_files / "out",
+    )  # fmt: skip
+    assert code == 3
+    assert message in line
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["nonsense"], "nonsense"),
+    (["run", "--frobnicate"], "--frobnicate"),
+    (["run", "a.png", "b.png"], "--calib"),
+    (["run", "a", "b", "c"], "3 paths"),
+    (["run", "--calib", "x.yaml"], "--calib"),
+    (["run", "--frames", "seven"], "'seven', expected A:B"),
+    (["run", "--frames", "1:x"], "expected A:B"),
+    (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
+])  # fmt: skip
+def test_a_wrong_command_is_code_2(capsys, words, message):
+    code, line = complain(capsys, *words)
+    assert code == 2
+    assert message in line
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["run", "--frames", "5:9"], "selects none of the 1 frames"),
+    (["run", "--set", "detector.cuont=3"], "did you mean detector.count?"),
+    (["run", "--set", "detector.count=many"], "'many', expected an integer"),
+    (["run", "--set", "count"], "expected key=value"),
+    (["run", "--preset", "best"], "expected one of default, paper"),
+    (["run", "--config", "missing.yaml"], "missing.yaml"),
+    (["run", "no-such-folder"], "no-such-folder"),
+    (["export", "no-such-run"], "no-such-run"),
+])  # fmt: skip
+def test_a_wrong_value_is_code_3(capsys, words, message):
+    code, line = complain(capsys, *words)
+    assert code == 3
+    assert message in line
+
+
+def test_an_internal_error_is_one_line_and_code_1_and_debug_shows_it(capsys, monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr("tspslam.config.resolve", fail)
+    code, line = complain(capsys, "config", "show")
+    assert (code, line) == (1, "tspslam: internal error: ZeroDivisionError: of ours (--debug shows where)")
+    with pytest.raises(ZeroDivisionError):
+        cli._exit_code(["--debug", "config", "show"])
+
+
+def test_config_show_says_where_each_value_came_from(capsys, tmp_path):
+    (tmp_path / "my.yaml").write_text("filter: {order: 2}\nsurface: {min_angle: 5}\n")
+    words = ["config", "show", "--preset", "paper", "--config", tmp_path / "my.yaml", "--set", "surface.min_angle=1"]
+    rows = json.loads(type_in(capsys, *words, "--json")[1])
+    assert rows["filter.order"] == {"value": 2, "origin": str(tmp_path / "my.yaml")}
+    assert rows["surface.min_angle"] == {"value": 1.0, "origin": "--set"}
+    assert rows["filter.centering"] == {"value": "none", "origin": "preset paper"}
+    assert rows["detector.count"]["origin"] == "default"
+    assert "filter.order" in type_in(capsys, *words)[1]
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("a: &x 1\nb: *x\n", "alias or a tag"), ("- 1\n", "mapping of stages"), ("a: [", "not plain YAML"),
+    ("filter: 3\n", "unknown setting 'filter'"), ("filter: {order: true}\n", "True, expected an integer"),
+])  # fmt: skip
+def test_a_settings_file_that_is_wrong_is_named(capsys, tmp_path, text, message):
+    (tmp_path / "my.yaml").write_text(text)
+    code, line = complain(capsys, "config", "show", "--config", tmp_path / "my.yaml")
+    assert code == 3
+    assert "my.yaml" in line
+    assert message in line
+
+
+def test_export_writes_a_frame_in_each_format(capsys, pair_files):
+    run_pair(capsys, pair_files)
+    out = pair_files / "out"
+    for to in ("vtu", "ply", "npz"):
+        code, said, _ = type_in(capsys, "export", out, "--to", to, "--output", pair_files / f"copy.{to}")
+        assert (code, said) == (0, f"wrote {pair_files / f'copy.{to}'}\n")
+    assert (pair_files / "copy.vtu").read_bytes() == (out / "map.vtu").read_bytes()
+    assert (pair_files / "copy.npz").read_bytes() == (out / "frames/000000.npz").read_bytes()
+    assert len(read_ply(pair_files / "copy.ply").xyz) == len(read_frame(out / "frames/000000.npz").cloud)
+    assert complain(capsys, "export", out, "--frame", "7")[0] == 3
+
+
+def plane_mesh(folder, rig, depth=3.0):
+    v, u = np.mgrid[20:180:20, 20:280:20].astype(float)
+    xyz = np.stack([(u - rig.cx) * depth / rig.fx, (v - rig.cy) * depth / rig.fy, np.full(u.shape, depth)], -1)
+    here = (np.arange(7)[:, None] * 13 + np.arange(12)).ravel()
+    faces = np.concatenate([np.stack([here, here + 1, here + 13], 1), np.stack([here + 1, here + 14, here + 13], 1)])
+    points = np.concatenate([xyz.reshape(-1, 3), [[0, 0, -1.0], [90.0, 0, 1.0]]])
+    write_ply(folder / "plane.ply", points, faces, vertex={}, face={})
+    return points, faces
+
+
+def test_filter_answers_on_a_mesh_and_a_posed_image(capsys, pair_files, small_pair):
+    points, faces = plane_mesh(pair_files, small_pair[2])
+    words = ["filter", pair_files / "plane.ply", "--image", pair_files / "left.png", "--calib", pair_files / "calib.yaml"]
+    code, out, err = type_in(capsys, *words, "--out", pair_files / "out", "--centering", "plane", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["complex"] == {"n": len(points), "edges": 271, "faces": len(faces), "euler": 3}
+    assert result["defined"] == len(points) - 2
+    assert "2 of 106 vertices are outside" in err
+    assert read_vtu(pair_files / "out/map.vtu").point_data["ok"].tolist() == [1] * 104 + [0, 0]
+    assert (pair_files / "out/report.html").exists()
+
+
+def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
+    plane_mesh(pair_files, small_pair[2], depth=-3.0)
+    words = ["filter", pair_files / "plane.ply", "--calib", pair_files / "calib.yaml", "--out", pair_files / "out"]
+    write_ply(pair_files / "plane.ply", np.eye(3) * -5, [[0, 1, 2]], vertex={}, face={})
+    code, line = complain(capsys, *words, "--image", pair_files / "left.png")
+    assert (code, "none of 3 vertices falls into the image" in line) == (3, True)
+    Image.new("L", (30, 20)).save(pair_files / "small.png")
+    code, line = complain(capsys, *words, "--image", pair_files / "small.png")
+    assert (code, "is 30x20 px, expected 300x200" in line) == (3, True)
+    code, line = complain(capsys, *words, "--image", pair_files / "left.png", "--order", "-1")
+    assert (code, "order is -1" in line) == (3, True)
+
+
+def test_help_and_import_are_quick():
+    """Against a bare interpreter in the same run: 0.3 s for --help, 0.1 s for the import."""
+    def best(*words):
+        times = []
+        for _ in range(5):
+            start = time.perf_counter()
+            subprocess.run([sys.executable, *words], check=True, capture_output=True)
+            times.append(time.perf_counter() - start)
+        return min(times)
+
+    bare = best("-c", "pass")
+    assert best("-c", "import tspslam") - bare < 0.1
+    assert best("-m", "tspslam", "--help") - bare < 0.3
+
+
+def test_the_version_is_printed(capsys):
+    assert type_in(capsys, "--version")[:2] == (0, "0.1.0\n")
