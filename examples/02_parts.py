@@ -4,6 +4,7 @@ import numpy as np
 
 import tspslam
 from tspslam.topology.harmonic import Tmahf
+from tspslam.topology.texture import luminance
 from tspslam.vision.features import OrbDetector
 
 # The walk: a pair, points, a surface, a complex, signals on its vertices, edges and faces, a response.
@@ -36,8 +37,8 @@ turned = np.degrees(np.abs(np.angle(wide.z * response.z.conj())[wide.defined & r
 print(f"two rings: phase differs from one ring by {np.median(turned):.0f} degrees in the median")
 
 # Does a filter answer to the texture, or to where the neighbours stand? A constant image has no texture.
-level = signals.vertex.mean()
-constant = tspslam.sample_signals(np.full(pair.left.shape[:2], level), cloud.uv, complex_)
+grey = np.full(pair.left.shape[:2], luminance(pair.left).mean())
+constant = tspslam.sample_signals(grey, cloud.uv, complex_)
 for centering in ("none", "mean", "harmonic", "plane"):
     real = tspslam.tmahf(complex_, cloud.uv, signals, centering=centering)
     flat = tspslam.tmahf(complex_, cloud.uv, constant, centering=centering)

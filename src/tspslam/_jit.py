@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 _log = logging.getLogger("tspslam")
 _said: set[str] = set()
@@ -27,6 +30,24 @@ def reassociated_kernel(function: Callable[..., Any]) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Make `function` part of each kernel that calls it: calls with many array arguments cost more than their work."""
     return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
+
+
+@intrinsic
+def prefetch(_context: Any, array: Any, _row: Any) -> Any:
+    """Ask the processor to bring row `_row` of `array` near; no other effect, and no check of the index."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        layout = context.make_array(array)(context, builder, arguments[0])
+        stride = builder.extract_value(layout.strides, 0)
+        row = context.cast(builder, arguments[1], signature.args[1], types.intp)
+        address = builder.add(builder.ptrtoint(layout.data, stride.type), builder.mul(row, stride))
+        pointer, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
+        call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(call, [builder.inttoptr(address, pointer), flag(0), flag(3), flag(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, _row), generate
 
 
 def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:

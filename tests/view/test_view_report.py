@@ -210,6 +210,13 @@ addEventListener("securitypolicyviolation", (e) => note("blocked: " + e.blockedU
 addEventListener("load", () => setTimeout(() => {
   const buttons = [...document.querySelectorAll(".switch button")];
   for (const b of buttons) b.click();
+  const mesh = document.getElementById("mesh");
+  const start = mesh.layout.scene.camera.eye.x;
+  Plotly.relayout(mesh, { "scene.camera.eye": { x: 3, y: 3, z: 3 } }).then(() => {
+    if (mesh.layout.scene.camera.eye.x !== 3) note("camera did not turn");
+    document.querySelector(".reset").click();
+    if (mesh.layout.scene.camera.eye.x !== start) note("camera was not reset");
+  });
   setTimeout(() => {
     const loaded = performance.getEntriesByType("resource").map((e) => e.name);
     for (const name of loaded) if (!/^(data|blob):/.test(name)) note("request: " + name);

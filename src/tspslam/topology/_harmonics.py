@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._jit import inlined, kernel, reassociated_kernel
+from .._jit import inlined, kernel, prefetch, reassociated_kernel
 
 NONE, MEAN, HARMONIC, PLANE = 0, 1, 2, 3
 NEAREST_SQUARED = 1e-12  # px²: an element this close to the vertex has no direction
@@ -137,11 +137,27 @@ def _append(elements, e, weight, u, v, shift, count, x, y, s, w):  # type: ignor
     w[count] = elements[e, 3] * weight
 
 
+@inlined
+def _fetch_ahead(ahead, visit, r, start, rows, elements, z):  # type: ignore[no-untyped-def]
+    """Bring near what the coming vertices need: first their rows, then the elements that these name."""
+    if ahead > 0 and r + 2 * ahead < visit.shape[0]:
+        prefetch(start, visit[r + 2 * ahead])
+        far = visit[r + ahead]
+        prefetch(rows, start[far])
+        prefetch(rows, start[far] + 16)
+        prefetch(z, far)
+        near = visit[r + ahead // 2]
+        for p in range(start[near], start[near + 1]):
+            prefetch(elements, rows[p])
+
+
 @reassociated_kernel
-def filter_one_ring(start, rows, elements, order, centering, weight, z, defined):  # type: ignore[no-untyped-def]
+def filter_one_ring(visit, ahead, start, rows, elements, order, centering, weight, z, defined):  # type: ignore[no-untyped-def]
     """T-MAHF with one weight for every element of the one-ring; `rows` index the packed elements."""
     x, y, s, w = _scratch(_longest_row(start))
-    for i in range(z.shape[0]):
+    for r in range(visit.shape[0]):
+        _fetch_ahead(ahead, visit, r, start, rows, elements, z)
+        i = visit[r]
         u, v, own = elements[i, 0], elements[i, 1], elements[i, 2]
         if elements[i, 3] == 0.0:
             continue

@@ -46,7 +46,7 @@ def bucket_sides(faces, extra, n):  # type: ignore[no-untyped-def]
 
     Returns the bucket starts (n + 1,), the larger ends, and each side's slot: 3·face + column, or -1.
     """
-    start = np.zeros(n + 1, np.int64)
+    start = np.zeros(n + 1, np.int32)
     for f in range(faces.shape[0]):
         start[faces[f, 0] + 1] += 2
         start[faces[f, 1] + 1] += 1
@@ -56,7 +56,7 @@ def bucket_sides(faces, extra, n):  # type: ignore[no-untyped-def]
         start[i + 1] += start[i]
     fill = start[:-1].copy()
     ends = np.empty(start[n], np.int32)
-    slots = np.empty(start[n], np.int64)
+    slots = np.empty(start[n], np.int32)
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         p = fill[i]

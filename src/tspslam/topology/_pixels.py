@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._jit import inlined, kernel
+from .._jit import inlined, kernel, prefetch
 
 SUBPIXEL = 256  # corners of triangles are rounded to 1/256 px, so that "inside" is decided in integers
 
@@ -43,10 +43,14 @@ def _bilinear(image, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sample_vertices(image, unit, uv, value, ok):  # type: ignore[no-untyped-def]
+def sample_vertices(image, unit, uv, order, ahead, value, ok):  # type: ignore[no-untyped-def]
     """Bilinear samples at `uv`; a vertex outside the image (or NaN) has no signal."""
     height, width = image.shape
-    for i in range(uv.shape[0]):
+    for r in range(order.shape[0]):
+        i = order[r]
+        if ahead > 0 and r + ahead < order.shape[0]:
+            prefetch(uv, order[r + ahead])
+            prefetch(value, order[r + ahead])
         u, v = uv[i, 0], uv[i, 1]
         ok[i] = 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1
         if ok[i]:
@@ -87,10 +91,27 @@ def _trace(image, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
     return total, sum_u, sum_v
 
 
+@inlined
+def _fetch_ahead(ahead, order, r, elements, uv, vertex_ok, value, places, pixels, ok):  # type: ignore[no-untyped-def]
+    """Bring near what the coming elements need: their corners, where those are, and where results go."""
+    if ahead > 0 and r + 2 * ahead < order.shape[0]:
+        prefetch(elements, order[r + 2 * ahead])
+        near = order[r + ahead]
+        prefetch(value, near)
+        prefetch(places, near)
+        prefetch(pixels, near)
+        prefetch(ok, near)
+        for side in range(elements.shape[1]):
+            prefetch(uv, elements[near, side])
+            prefetch(vertex_ok, elements[near, side])
+
+
 @kernel
-def sample_edges(image, unit, uv, vertex_ok, edges, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
+def sample_edges(image, unit, uv, vertex_ok, edges, order, ahead, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
     """Mean and barycentre of each edge's pixel line; a one-pixel line: bilinear sample at the midpoint."""
-    for e in range(edges.shape[0]):
+    for r in range(order.shape[0]):
+        e = order[r]
+        _fetch_ahead(ahead, order, r, edges, uv, vertex_ok, value, edge_uv, pixels, ok)
         i, j = edges[e, 0], edges[e, 1]
         ok[e] = vertex_ok[i] and vertex_ok[j]
         if not ok[e]:
@@ -195,9 +216,11 @@ def _grid(x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sample_faces(image, table, unit, uv, vertex_ok, faces, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
+def sample_faces(image, table, unit, uv, vertex_ok, faces, order, ahead, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
     """Mean and barycentre of each closed triangle's pixels; none inside: bilinear sample at the centroid."""
-    for f in range(faces.shape[0]):
+    for r in range(order.shape[0]):
+        f = order[r]
+        _fetch_ahead(ahead, order, r, faces, uv, vertex_ok, value, face_uv, pixels, ok)
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         ok[f] = vertex_ok[i] and vertex_ok[j] and vertex_ok[k]
         if not ok[f]:

@@ -120,12 +120,13 @@ def tmahf(
 def _filter(
     complex_: Complex, elements: FloatArray, order: int, mode: int, rings: FloatArray | None
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-    from . import _harmonics
+    from . import _harmonics, _locality
 
     z, defined = np.zeros(complex_.n, np.complex128), np.zeros(complex_.n, bool)
     if rings is None:
         start, rows = complex_.stars
-        _harmonics.filter_one_ring(start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
+        ahead, visit = _locality.visits(elements[: complex_.n, :2])
+        _harmonics.filter_one_ring(visit, ahead, start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
     else:
         near = (complex_.vertex_rows, complex_.face_rows, complex_.face_edges)
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)

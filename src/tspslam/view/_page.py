@@ -37,6 +37,8 @@ h3::first-letter, summary::first-letter, tr > th::first-letter { text-transform:
 .switch button:hover { border-color: var(--accent); }
 .switch button:focus-visible { outline: 2px solid var(--accent); outline-offset: 2px; }
 .switch button[aria-pressed="true"] { background: var(--accent); border-color: var(--accent); color: var(--card); }
+.reset { font: inherit; padding: 0; border: 0; background: none; color: var(--accent); cursor: pointer; }
+.reset:hover { text-decoration: underline; }
 .plot { height: clamp(300px, 62vw, 620px); overflow: hidden; }
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(320px, 100%), 1fr)); gap: 0.9rem;
   align-items: start; }
@@ -64,6 +66,10 @@ SCRIPT = """
 (() => {
   const plot = document.getElementById("mesh");
   const buttons = [...document.querySelectorAll(".switch button")];
+  const camera = JSON.stringify(plot.layout.scene.camera);
+  document.querySelector(".reset").addEventListener("click", () => {
+    Plotly.relayout(plot, { "scene.camera": JSON.parse(camera) });
+  });
   for (const button of buttons) {
     button.addEventListener("click", () => {
       const first = Number(button.dataset.first), last = first + Number(button.dataset.count);

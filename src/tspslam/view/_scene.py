@@ -29,7 +29,7 @@ from ._frame import (
 MOST_FACES, MOST_EDGES = 150_000, 60_000  # beyond these a browser crawls: every k-th is shown, and the page says so
 GREYS = [[0.0, "#101215"], [1.0, "#ffffff"]]
 BARE, INK, GRID = "#8d97a3", "#7d8894", "#a9b3bd"  # legible on a light and on a dark page
-CENTRE = {"x": 0.0, "y": 0.0, "z": -0.06}
+CENTRE = {"x": 0.0, "y": 0.0, "z": -0.15}
 LIGHTING = {"ambient": 0.74, "diffuse": 0.34, "specular": 0.0, "roughness": 1.0, "fresnel": 0.0} | {
     "facenormalsepsilon": 0.0,
     "vertexnormalsepsilon": 0.0,

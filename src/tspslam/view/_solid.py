@@ -102,6 +102,8 @@ def _rgb(colour: str) -> FloatArray:
 
 def _frame_view(axes: Axes, plane: FloatArray) -> None:
     low, high = np.percentile(plane, [0.5, 99.5], axis=0)
+    slack = 0.2 * (high - low)  # for the ends of a scene, not for a point that passes close to the viewer
+    low, high = np.maximum(plane.min(axis=0), low - slack), np.minimum(plane.max(axis=0), high + slack)
     centre, size = (low + high) / 2, np.maximum(high - low, 1e-6) * 1.14
     width = max(size[0], size[1] / PANEL)
     axes.set_xlim(centre[0] - width / 2, centre[0] + width / 2)

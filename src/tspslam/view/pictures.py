@@ -162,7 +162,7 @@ def keypoint_depth_picture(frame: FrameView) -> Figure:
     """Draw the keypoints on the left image, coloured by depth on a continuous scale."""
     shown = depth(frame)
     caption = f"{_count(int(shown.ok.sum()), 'point')}; colour: depth z, from the 1st to the 99th percentile."
-    figure, axes = style.image_page(frame.image, "Keypoints by depth", frame.name, caption, side=True, tone="plain")
+    figure, axes = style.image_page(frame.image, "Keypoints by depth", frame.name, caption, side=True, tone="light")
     norm = _depth_norm(shown)
     _dots(axes, frame.cloud.uv[shown.ok], style.colours(shown.values[shown.ok], norm, DEPTH_MAP), len(frame.cloud))
     _bar(figure, axes, shown, norm, DEPTH_MAP, "depth z [m]")
@@ -264,7 +264,7 @@ def phase_picture(frame: FrameView) -> Figure:
 def signal_view(frame: FrameView) -> Figure:
     """Draw the mesh in space, each face in its mean luminance, or colour where the signal has three channels."""
     signals = frame.signals
-    what = "mean colour" if is_colour(signals.face) else "mean luminance"
+    what = "its mean colour" if is_colour(signals.face) else "its mean luminance"
     figure, _ = solid.solid_page(
         frame,
         "Mesh and face signal in space",
@@ -282,7 +282,7 @@ def magnitude_view(frame: FrameView) -> Figure:
     shown, zeros = log_magnitude(frame)
     at_faces = on_faces(frame.complex_.faces, shown)
     norm = _norm(shown)
-    caption = _space_caption(frame, "mean log₁₀ |r| of its vertices", at_faces.ok)
+    caption = _space_caption(frame, "the mean log₁₀ |r| of its vertices", at_faces.ok)
     caption += _missing(zeros, "vertex", "where it is exactly 0") + _undefined(frame)
     figure, axes = solid.solid_page(
         frame,
@@ -301,7 +301,7 @@ def _space_caption(frame: FrameView, what: str, face_ok: BoolArray) -> str:
     points, faces = solid.in_space(frame)
     if not len(faces):
         return f"{_count(len(points), 'point')} from the side; no face to show."
-    caption = f"{_count(len(faces), 'face')} from the side, lightly shaded, each in the {what}."
+    caption = f"{_count(len(faces), 'face')} from the side, lightly shaded, each in {what}."
     bare = int((~face_ok[faces]).sum())
     caption += f" Pale grey: {_count(bare, 'face')} without a value." if bare else ""
     return caption + _missing(len(face_ok) - len(faces), "face", "far off the rest or unseen")

@@ -187,11 +187,12 @@ def _scene(frame: FrameView) -> str:
         buttons.append(f'<button type="button" aria-pressed="{pressed}" {span}>{_text(view.label)}</button>')
         start += len(view.traces)
     what = "mesh" if len(frame.complex_.faces) else "points"
-    note = f"Drag to turn, scroll to zoom, double-click to return. Grey: no value.{thinned(frame)}"
+    note = f"Drag to turn, scroll to zoom. Grey: no value.{thinned(frame)}"
     return (
         f'<section class="scene"><h2>The {what} in space</h2>'
         f'<div class="switch" role="group" aria-label="Signal">{"".join(buttons)}</div>'
-        f'<div class="plot">{plot}</div><p class="quiet">{_text(note)}</p><script>{SCRIPT}</script></section>'
+        f'<div class="plot">{plot}</div><p class="quiet">{_text(note)} '
+        f'<button type="button" class="reset">Reset the view</button></p><script>{SCRIPT}</script></section>'
     )
 
 

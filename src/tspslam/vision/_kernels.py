@@ -14,13 +14,14 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Words = NDArray[np.uint64]
+Moments = tuple[np.float32, ...]
 
 FAR = 1 << 20  # a Hamming distance beyond all real ones
 _LEAST_VARIANCE = np.float32(1e-2)  # grey levels squared; below it a window has no texture
 
 
 @inlined
-def hamming(a: Words, b: Words) -> int:
+def hamming(a: Words, b: Words) -> np.int64:
     """Count the bits in which two rows of 64-bit words differ."""
     total = np.uint64(0)
     for k in range(a.shape[0]):
@@ -33,45 +34,41 @@ def hamming(a: Words, b: Words) -> int:
 
 
 @inlined
-def may_match(a: Float64, b: Float64, low: float, high: float, tolerance: float) -> bool:
-    """Whether two keypoints (u, v, scale) agree in row, scale and range of disparity."""
-    disparity = a[0] - b[0]
-    near = abs(a[1] - b[1]) <= tolerance * max(a[2], b[2])
-    alike = a[2] <= 1.25 * b[2] and b[2] <= 1.25 * a[2]
-    return near and alike and low <= disparity <= high
+def candidates(point: Float64, other: Float64, begin: int, end: int, limits: Float64, chosen: Int64) -> int:
+    """List the keypoints of a slice that agree with a point (u, v, scale) in row, scale and range of disparity.
+
+    `limits` holds the range of u - u_other, px, and the largest difference of rows, px per unit of scale.
+    """
+    count = 0
+    u, v, scale = point[0], point[1], point[2]
+    first, last, smallest, largest = u - limits[1], u - limits[0], scale / 1.25, scale * 1.25
+    for j in range(begin, end):
+        alike = first <= other[j, 0] <= last and smallest <= other[j, 2] <= largest
+        if alike and abs(v - other[j, 1]) <= limits[2] * max(scale, other[j, 2]):
+            chosen[count] = j
+            count += 1
+    return count
 
 
 @inlined
-def best_in_rows(
-    point: Float64, words: Words, other: Float64, other_words: Words, low: float, high: float, tolerance: float
+def best_of(
+    words: Words, other: Float64, other_words: Words, chosen: Int64, distance: Int64, apart: float
 ) -> tuple[int, int, int]:
-    """Nearest descriptor, its distance and that of the second nearest that stands elsewhere, in a slice of rows."""
-    best, nearest = -1, FAR
-    for j in range(other.shape[0]):
-        if may_match(point, other[j], low, high, tolerance):
-            h = hamming(words, other_words[j])
-            if h < nearest:
-                best, nearest = j, h
-    second = FAR
-    apart = 2.0 * point[2]  # the same corner on a neighbouring octave is no rival
-    for j in range(other.shape[0]):
-        if best >= 0 and abs(other[j, 0] - other[best, 0]) > apart:
-            if may_match(point, other[j], low, high, tolerance):
-                second = min(second, hamming(words, other_words[j]))
+    """Nearest descriptor, its distance, and that of the nearest one that stands more than `apart` px from it."""
+    best, nearest, second = -1, FAR, FAR
+    for k in range(chosen.shape[0]):
+        distance[k] = hamming(words, other_words[chosen[k]])
+        if distance[k] < nearest:
+            best, nearest = chosen[k], distance[k]
+    for k in range(chosen.shape[0]):
+        if distance[k] < second and abs(other[chosen[k], 0] - other[best, 0]) > apart:
+            second = distance[k]
     return best, nearest, second
 
 
 @kernel
 def match_rows(
-    points: Float64,
-    words: Words,
-    other: Float64,
-    other_words: Words,
-    row_start: Int64,
-    low: float,
-    high: float,
-    tolerance: float,
-    reach: float,
+    points: Float64, words: Words, other: Float64, other_words: Words, row_start: Int64, limits: Float64
 ) -> Int64:
     """Match each keypoint along its row of the other image, whose keypoints are sorted by rounded row.
 
@@ -83,30 +80,25 @@ def match_rows(
         Binary descriptors.
     row_start : (H + 1,) int64
         Where each row begins in `other`.
-    low, high : float
-        Range of u - u_other, px.
-    tolerance : float
-        Largest difference of rows, px per unit of scale.
-    reach : float
-        Rows to look at on either side, px.
+    limits : (3,) float64
+        As in `candidates`.
 
     Returns
     -------
     (N, 3) int64
-        Index in `other` or -1, Hamming distance, distance of the second nearest.
+        Index in `other` or -1, Hamming distance, distance of the second nearest that stands elsewhere.
     """
     rows = row_start.shape[0] - 1
     found = np.empty((points.shape[0], 3), np.int64)
+    chosen, distance = np.empty(other.shape[0], np.int64), np.empty(other.shape[0], np.int64)
     for i in range(points.shape[0]):
+        scale = points[i, 2]
+        reach = limits[2] * 1.25 * scale + 1
         first = min(max(0, int(np.floor(points[i, 1] - reach))), rows)
         last = max(min(rows, int(np.ceil(points[i, 1] + reach)) + 1), first)
-        begin, end = row_start[first], row_start[last]
-        best, nearest, second = best_in_rows(
-            points[i], words[i], other[begin:end], other_words[begin:end], low, high, tolerance
-        )
-        found[i, 0] = best + begin if best >= 0 else -1
-        found[i, 1] = nearest
-        found[i, 2] = second
+        count = candidates(points[i], other, row_start[first], row_start[last], limits, chosen)
+        # The same corner on a neighbouring octave is no rival: two pixels of its scale apart.
+        found[i] = best_of(words[i], other, other_words, chosen[:count], distance, 2 * scale)
     return found
 
 
@@ -163,7 +155,7 @@ def correlate(
 
 
 @inlined
-def peak_and_rival(scores: Float32) -> tuple[int, float, float]:
+def peak_and_rival(scores: Float32) -> tuple[int, np.float32, np.float32]:
     """Place and value of the largest score, and the largest one more than two places away (-1 if none is)."""
     best = 0
     for k in range(1, scores.shape[0]):
@@ -243,11 +235,11 @@ def moments(
     taps: Float32,
     weight: Float32,
     strip: Float32,
-) -> tuple[float, float, float, float, float, float, float, float, float]:
+) -> Moments:
     """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a window; r is interpolated, g the mean gradient."""
     side = 2 * radius + 1
     zero, half = np.float32(0), np.float32(0.25)  # half: of two central differences, averaged
-    l, r, g, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
+    ml, mr, mg, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
     t0, t1, t2, t3, t4, t5 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5]
     for dy in range(side):
         row = right[y - radius + dy, column - radius - 3 : column + radius + 5]
@@ -260,26 +252,26 @@ def moments(
             w, lv, rv = weight[dy, k], here[k + 1], strip[k + 1]
             gv = half * (strip[k + 2] - strip[k] + here[k + 2] - here[k])
             wl, wr, wg = w * lv, w * rv, w * gv
-            l += wl
-            r += wr
-            g += wg
+            ml += wl
+            mr += wr
+            mg += wg
             ll += wl * lv
             lr += wl * rv
             lg += wl * gv
             rr += wr * rv
             rg += wr * gv
             gg += wg * gv
-    return l, r, g, ll, lr, lg, rr, rg, gg
+    return ml, mr, mg, ll, lr, lg, rr, rg, gg
 
 
 @inlined
 def solve_step(
-    sums: tuple[float, float, float, float, float, float, float, float, float],
+    sums: Moments,
 ) -> tuple[float, float, float]:
     """Least squares l ≈ gain · (r + step · g) + offset: step, gain, correlation; gain 0 where there is no texture."""
-    l, r, g = np.float64(sums[0]), np.float64(sums[1]), np.float64(sums[2])
-    ll, lr, lg = sums[3] - l * l, sums[4] - l * r, sums[5] - l * g
-    rr, rg, gg = sums[6] - r * r, sums[7] - r * g, sums[8] - g * g
+    ml, mr, mg = np.float64(sums[0]), np.float64(sums[1]), np.float64(sums[2])
+    ll, lr, lg = sums[3] - ml * ml, sums[4] - ml * mr, sums[5] - ml * mg
+    rr, rg, gg = sums[6] - mr * mr, sums[7] - mr * mg, sums[8] - mg * mg
     determinant = rr * gg - rg * rg
     if ll < _LEAST_VARIANCE or rr < _LEAST_VARIANCE or determinant <= 1e-6 * rr * gg:
         return 0.0, 0.0, 0.0
@@ -302,7 +294,7 @@ def align_one(
     strip: Float32,
     taps: Float32,
 ) -> tuple[float, float, float, bool]:
-    """Iterate `solve_step` from a displacement until it moves by less than 0.002 px: displacement, correlation, gain."""
+    """Iterate `solve_step` until it moves by less than 0.002 px: displacement, correlation, gain, success."""
     shift, score, gain = start, 0.0, 0.0
     width = right.shape[1]
     for _ in range(12):
@@ -367,7 +359,9 @@ def sample_window(
 
 
 @inlined
-def window_normal(left: Float32, window: Float32, x: int, y: int, radius: int, weight: Float32, normal: Float64) -> None:
+def window_normal(
+    left: Float32, window: Float32, x: int, y: int, radius: int, weight: Float32, normal: Float64
+) -> None:
     """Centred normal equations of l ≈ gain · r + a · g_u + b · g_v + offset, as the 4x4 moments of (r, g_u, g_v, l)."""
     mean = np.zeros(4)
     values = np.empty(4)
@@ -391,9 +385,7 @@ def window_normal(left: Float32, window: Float32, x: int, y: int, radius: int, w
 @inlined
 def determinant3(a: Float64, b: Float64, c: Float64) -> float:
     """Return the determinant of three columns."""
-    return (
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - b[0] * (a[1] * c[2] - a[2] * c[1]) + c[0] * (a[1] * b[2] - a[2] * b[1])
-    )
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) - b[0] * (a[1] * c[2] - a[2] * c[1]) + c[0] * (a[1] * b[2] - a[2] * b[1])
 
 
 @inlined
@@ -411,14 +403,18 @@ def plane_step(n: Float64) -> tuple[float, float, bool]:
 
 
 @kernel
-def align_plane(image: Float32, other: Float32, xy: Int64, start: Float64, radius: int, contrast: float) -> Float64:
-    """Refine displacements in both directions: (N, 3) of x_other - x, y_other - y in px, and 1 where it converged."""
+def align_plane(
+    image: Float32, other: Float32, xy: Int64, start: Float64, radius: int, contrast: float, found: Float64
+) -> None:
+    """Refine displacements in both directions.
+
+    `found` (N, 3), zeros at first, receives x_other - x and y_other - y in px, and 1 where the iteration converged.
+    """
     height, width = image.shape
     side = 2 * radius + 1
     weight = np.empty((side, side), np.float32)
     window, rows = np.empty((side + 2, side + 2), np.float32), np.empty((side + 7, side + 2), np.float32)
     taps_u, taps_v, normal = np.empty(6, np.float32), np.empty(6, np.float32), np.empty((4, 4))
-    found = np.zeros((xy.shape[0], 3))
     margin = radius + 1
     for i in range(xy.shape[0]):
         x, y = xy[i, 0], xy[i, 1]
@@ -445,4 +441,3 @@ def align_plane(image: Float32, other: Float32, xy: Int64, start: Float64, radiu
             if abs(du) + abs(dv) < 0.005:
                 found[i, 0], found[i, 1], found[i, 2] = u, v, 1.0
                 break
-    return found

@@ -55,7 +55,8 @@ def load_rig(path: str | os.PathLike[str]) -> Rig:
     """
     mapping = _parse(path, _read(path))
     _check_keys(path, mapping)
-    return Rig(**{key: _number(path, key, value) for key, value in mapping.items()})
+    numbers: dict[str, Any] = {key: _number(path, key, value) for key, value in mapping.items()}
+    return Rig(**numbers)
 
 
 def save_rig(rig: Rig, path: str | os.PathLike[str]) -> None:

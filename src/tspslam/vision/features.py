@@ -167,7 +167,7 @@ class OrbDetector:
             return _no_features()
         import cv2
 
-        orb = cv2.ORB_create(
+        orb = cv2.ORB.create(
             nfeatures=math.ceil(self.count * self.oversampling),
             scaleFactor=self.scale_factor,
             nlevels=levels,
@@ -190,7 +190,7 @@ class OrbDetector:
     def _spread(self, candidates: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
         import cv2
 
-        uv = cv2.KeyPoint_convert(candidates)
+        uv = np.asarray(cv2.KeyPoint.convert(candidates), np.float32)
         score = np.array([c.response for c in candidates])
         octave = np.array([c.octave for c in candidates])
         best = _best_per_pixel(uv, score)
@@ -223,7 +223,7 @@ def _pack(keypoints: Sequence[Any], descriptor: NDArray[np.uint8], scale_factor:
 
     scale = scale_factor ** np.array([k.octave for k in keypoints], np.float64)
     # ORB multiplies level coordinates by the scale; pixel centres then sit (scale - 1)/2 off.
-    uv = cv2.KeyPoint_convert(keypoints).astype(np.float64) + (scale[:, None] - 1) / 2
+    uv = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64) + (scale[:, None] - 1) / 2
     return Features(
         uv=uv,
         descriptor=descriptor,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..types import Features, FloatArray, StereoPair
+from ._parallel import both
 from .consistency import supported
 from .matches import Matches
 
@@ -84,19 +85,18 @@ class HammingMatcher:
         i, j = self.pairs(left, right, pair.left.shape[0], low, high)
         rows = right.uv[j, 1] - left.uv[i, 1]
         median, spread = median_and_spread(rows)
-        nearness = 1 - np.bitwise_count(left.descriptor[i] ^ right.descriptor[j]).sum(1) / (
-            8 * max(left.descriptor.shape[1], 1)
-        )
-        return Matches(i, j, left.uv[i, 0] - right.uv[j, 0], nearness.astype(np.float64), median, spread)
+        bits = np.bitwise_count(_as_words(left)[i] ^ _as_words(right)[j]).sum(axis=1)
+        nearness = 1 - bits / max(8 * left.descriptor.shape[1], 1)
+        return Matches(i, j, left.uv[i, 0] - right.uv[j, 0], nearness, median, spread)
 
     def pairs(
         self, left: Features, right: Features, height: int, low: float, high: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of `left` and `right` that match with ``low <= u_left - u_right <= high``."""
-        forth = _nearest(left, right, height, low, high, self.row_tolerance)
-        back = _nearest(right, left, height, -high, -low, self.row_tolerance)
+        ways = ((left, right, low, high), (right, left, -high, -low))
+        forth, back = both(lambda way: _nearest(*way, height, self.row_tolerance), ways)
         best, distance, second = forth.T
-        clear = (best >= 0) & (distance <= self.max_hamming) & (distance <= self.ratio * second)
+        clear = (best >= 0) & (distance <= self.max_hamming) & (distance < self.ratio * second)
         i = np.flatnonzero(clear)
         i = i[back[best[i], 0] == i]
         return i, best[i]
@@ -114,8 +114,8 @@ def survey_disparities(
 ) -> tuple[tuple[float, float], NDArray[np.int64], NDArray[np.int64]]:
     """Range of disparities of a pair, px, and the matching rows of `left` and `right` in it.
 
-    The range is that of the matches that their neighbours support: half a per cent at each end is left out as outliers, then a tenth of the range and 4 px are added. Where too few
-    matches are found, all that `widest_range` allows is returned.
+    The range is that of the matches that their neighbours support, without half a per cent at each end as outliers,
+    and with a tenth of the range and 4 px added. Where too few matches are found, it is `widest_range`.
 
     Raises
     ------
@@ -130,7 +130,8 @@ def survey_disparities(
     behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
     if behind >= _FEW and behind > 2 * (len(disparity) - behind):
         raise GeometryError(
-            f"{pair.name}: {behind} of {len(disparity)} disparities are negative; are the left and right images swapped?"
+            f"{pair.name}: {behind} of {len(disparity)} disparities are negative, expected positive ones; "
+            "the left and right images look swapped"
         )
     disparity = disparity[(disparity >= low) & (disparity <= high)]
     if len(disparity) >= _FEW:
@@ -165,7 +166,7 @@ def check_limits(lowest: float | None, highest: float | None) -> None:
 
 
 def _nearest(
-    points: Features, other: Features, height: int, low: float, high: float, tolerance: float
+    points: Features, other: Features, low: float, high: float, height: int, tolerance: float
 ) -> NDArray[np.int64]:
     from ._kernels import match_rows
 
@@ -175,9 +176,8 @@ def _nearest(
     row = np.clip(np.rint(other.uv[:, 1]).astype(np.int64), 0, height - 1)
     order = np.argsort(row, kind="stable")
     row_start = np.searchsorted(row[order], np.arange(height + 1))
-    reach = tolerance * float(max(points.scale.max(initial=1), other.scale.max(initial=1))) + 1
     found: NDArray[np.int64] = match_rows(
-        _places(points), words, _places(other)[order], other_words[order], row_start, low, high, tolerance, reach
+        _places(points), words, _places(other)[order], other_words[order], row_start, np.array([low, high, tolerance])
     )
     some = found[:, 0] >= 0
     found[some, 0] = order[found[some, 0]]

@@ -13,9 +13,12 @@ from .consistency import supported
 from .hamming import HammingMatcher as HammingMatcher
 from .hamming import check_limits, check_range, median_and_spread, survey_disparities
 from .matches import Matches as Matches
-from .windows import Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
+from .windows import Plane, Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
 
+Planes = tuple[Plane, Plane]
 _LEVEL = 0.05  # px of vertical offset that do no harm
+_WINDOWS = Windows()
+_BACK_WINDOWS = Windows(radius=6, contrast=0.1)
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,8 @@ class RowMatcher:
     row_tolerance: float = 1.5
     max_hamming: int = 64
     ratio: float = 0.85
-    windows: Windows = Windows()
-    back_windows: Windows = Windows(radius=6, contrast=0.1)
+    windows: Windows = _WINDOWS
+    back_windows: Windows = _BACK_WINDOWS
     min_correlation: float = 0.9
     uniqueness: float = 0.75
     max_disagreement: float = 0.6
@@ -113,7 +116,8 @@ class RowMatcher:
         (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
         partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
         partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
-        planes, offset = self._level(both(smooth_plane, (pair.left, pair.right)), left.uv[i], guess[i])
+        first, second = both(smooth_plane, (pair.left, pair.right))
+        planes, offset = self._level((first, second), left.uv[i], guess[i])
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
@@ -125,18 +129,16 @@ class RowMatcher:
         limits = self.max_disparity, self.min_disparity
         return HammingMatcher(*limits, self.row_tolerance, self.max_hamming, self.ratio)
 
-    def _level(
-        self, planes: list[NDArray[np.float32]], uv: FloatArray, disparity: FloatArray
-    ) -> tuple[list[NDArray[np.float32]], float]:
+    def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
         """Planes whose rows agree, and by how much the right one was moved, px; small offsets are left alone."""
         offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.windows))
         if abs(offset) < _LEVEL:
             return planes, 0.0
-        return [planes[0], shift_rows(planes[1], offset)], offset
+        return (planes[0], shift_rows(planes[1], offset)), offset
 
     def _search(
         self,
-        planes: list[NDArray[np.float32]],
+        planes: Planes,
         left: Features,
         partner: NDArray[np.int64],
         guess: FloatArray,
@@ -154,9 +156,7 @@ class RowMatcher:
         clear[lone] = np.abs(back - disparity[lone]) <= 1
         return np.where(clear, disparity, np.nan)
 
-    def _refine(
-        self, planes: list[NDArray[np.float32]], left: Features, start: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _refine(self, planes: Planes, left: Features, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
         disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
         rows = np.flatnonzero(np.isfinite(start))

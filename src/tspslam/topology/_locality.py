@@ -1,0 +1,78 @@
+"""Compiled kernels that visit a large complex place by place, so that what is near in the image is near in the cache.
+
+Results do not depend on the order of the visit; only the time does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._jit import inlined, kernel
+
+PER_CELL = 16  # vertices in a cell of the grid, about
+AHEAD = 12  # elements between a prefetch and its use
+FEW = 1 << 15  # up to so many vertices everything is near
+
+
+@inlined
+def _interleave(a, b):  # type: ignore[no-untyped-def]
+    """Morton code: the bits of a and b in turn, so that near cells have near codes in both directions."""
+    code, bit = 0, 0
+    while a or b:
+        code |= (a & 1) << bit | (b & 1) << (bit + 1)
+        a, b, bit = a >> 1, b >> 1, bit + 2
+    return code
+
+
+@kernel
+def cells_of(uv):  # type: ignore[no-untyped-def]
+    """Cell of each point in a grid over the image, in Morton order, and the number of cells; without a place: the last."""
+    n = uv.shape[0]
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(n):
+        for axis in range(2):
+            if np.isfinite(uv[i, axis]):
+                low[axis], high[axis] = min(low[axis], uv[i, axis]), max(high[axis], uv[i, axis])
+    side = 1
+    while side * side * PER_CELL < n:
+        side *= 2
+    scale = np.zeros(2)
+    for axis in range(2):
+        if high[axis] > low[axis]:
+            scale[axis] = side / (high[axis] - low[axis])
+    cells = np.empty(n, np.int32)
+    for i in range(n):
+        u, v = (uv[i, 0] - low[0]) * scale[0], (uv[i, 1] - low[1]) * scale[1]
+        if 0.0 <= u <= side and 0.0 <= v <= side:
+            cells[i] = _interleave(min(int(u), side - 1), min(int(v), side - 1))
+        else:
+            cells[i] = side * side
+    return cells, side * side + 1
+
+
+@kernel
+def order_by_cell(cells, count, first):  # type: ignore[no-untyped-def]
+    """Elements by the cell of their first vertex (a counting sort: stable, linear)."""
+    start = np.zeros(count + 1, np.int32)
+    for e in range(first.shape[0]):
+        start[cells[first[e]] + 1] += 1
+    for c in range(count):
+        start[c + 1] += start[c]
+    order = np.empty(first.shape[0], np.int32)
+    for e in range(first.shape[0]):
+        c = cells[first[e]]
+        order[start[c]] = e
+        start[c] += 1
+    return order
+
+
+def visits(uv, *firsts):  # type: ignore[no-untyped-def]
+    """How far ahead to prefetch (0: not at all), then the order of visit of the vertices and of elements.
+
+    Elements are given by their first vertices.
+    """
+    n = uv.shape[0]
+    if n <= FEW:
+        return 0, *(np.arange(length, dtype=np.int32) for length in (n, *map(len, firsts)))
+    cells, count = cells_of(uv)
+    return AHEAD, *(order_by_cell(cells, count, first) for first in (np.arange(n, dtype=np.int32), *firsts))

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tspslam.datasets import StereoFolder, pair_from_files
+from tspslam.errors import InputError
+from tspslam.io.images import write_png
+from tspslam.types import Rig
+from tspslam.vision.rig import save_rig
+
+RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
+
+
+def fill(folder: Path, left: list[str], right: list[str]) -> Path:
+    for side, names in (("left", left), ("right", right)):
+        (folder / side).mkdir()
+        for value, name in enumerate(names):
+            write_png(folder / side / name, np.full((10, 20), value, np.uint8))
+    save_rig(RIG, folder / "calib.yaml")
+    return folder
+
+
+def test_files_pair_by_name_in_natural_order(tmp_path: Path) -> None:
+    left, right = ["f10.png", "f2.png", "a.png", "only.png"], ["a.png", "f2.png", "f10.png", "other.png"]
+    folder = StereoFolder(fill(tmp_path, left, right))
+    assert folder.names == ["a", "f2", "f10"]
+    assert folder.unpaired == ["left/only.png", "right/other.png"]
+    assert folder.rig == RIG
+    assert len(folder) == 3
+    pair = folder[1]
+    assert (pair.index, pair.name, pair.left[0, 0], pair.right[0, 0]) == (1, "f2", 1, 1)
+    assert [pair.left[0, 0] for pair in folder] == [2, 1, 0]
+    assert folder[-1].index == 2
+    with pytest.raises(IndexError):
+        folder[3]
+
+
+def test_other_files_are_passed_over(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["a.png"])
+    (tmp_path / "left" / "notes.txt").write_text("x")
+    (tmp_path / "left" / ".hidden.png").write_text("x")
+    folder = StereoFolder(str(tmp_path))
+    assert (len(folder), folder.unpaired) == (1, [])
+
+
+def test_pair_from_files_is_the_same_pair(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["b.png"])
+    pair = pair_from_files(tmp_path / "left" / "a.png", str(tmp_path / "right" / "b.png"), tmp_path / "calib.yaml")
+    assert (pair.name, pair.rig, pair.left.shape) == ("a", RIG, (10, 20))
+
+
+def test_images_that_do_not_fit_the_calibration_are_refused(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["a.png"])
+    write_png(tmp_path / "right" / "a.png", np.zeros((10, 21), np.uint8))
+    with pytest.raises(InputError, match="right 21 x 10 px"):
+        StereoFolder(tmp_path)[0]
+    (tmp_path / "right" / "a.png").write_bytes(b"not an image")
+    with pytest.raises(InputError, match=r"a\.png"):
+        StereoFolder(tmp_path)[0]
+
+
+def test_incomplete_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="lacks the folder left"):
+        StereoFolder(tmp_path)
+    (tmp_path / "left").mkdir()
+    with pytest.raises(InputError, match="lacks the folder right"):
+        StereoFolder(tmp_path)
+    (tmp_path / "right").mkdir()
+    with pytest.raises(InputError, match=r"calib\.yaml: cannot be read"):
+        StereoFolder(tmp_path)
+    save_rig(RIG, tmp_path / "calib.yaml")
+    with pytest.raises(InputError, match="0 files in left/ and 0 in right/ have no name in common"):
+        StereoFolder(tmp_path)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["a.png"])
+    (tmp_path / "left" / "a.jpg").write_bytes(b"")
+    with pytest.raises(InputError, match=r"a\.jpg and a\.png in left/ share a name"):
+        StereoFolder(tmp_path)

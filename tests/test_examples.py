@@ -1,0 +1,80 @@
+"""The example files run from any folder, without a warning, and print what they promise."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def run_example(name, folder, *arguments):
+    """What the example prints when it runs in `folder`; warnings are errors."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *map(str, arguments)],
+        cwd=folder, env=os.environ | {"PYTHONIOENCODING": "utf-8"}, capture_output=True, encoding="utf-8", timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def numbers(text, start):
+    """The numbers of the one line that starts with `start`, after it."""
+    (line,) = [line for line in text.splitlines() if line.startswith(start)]
+    return [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[-+]\d+)?", line.removeprefix(start))]
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_examples_are_short(path):
+    assert path.read_text(encoding="utf-8").count("\n") < 60
+
+
+def test_one_call_writes_pictures_and_agrees_with_the_measured_disparities(tmp_path):
+    printed = run_example("01_one_call.py", tmp_path, tmp_path / "pictures")
+    (points,) = numbers(printed, "points:")
+    error_px, below_one_px, limit_px = numbers(printed, "disparity error:")
+    edges, faces = numbers(printed, "complex:")
+    defined, magnitude = numbers(printed, "response:")
+    assert points > 500
+    assert error_px < 0.3
+    assert below_one_px > 85
+    assert limit_px == 1
+    assert points < faces < edges < 3 * points
+    assert 0.9 * points < defined <= points
+    assert magnitude > 0
+    pictures = list((tmp_path / "pictures").glob("*.png"))
+    assert numbers(printed, "pictures:")[0] == len(pictures) > 0
+
+
+def test_parts_can_be_exchanged_and_only_the_published_sum_answers_to_a_constant_image(tmp_path):
+    printed = run_example("02_parts.py", tmp_path)
+    points, faces, responses = numbers(printed, "walk:")
+    fewer_points, fewer_faces, order = numbers(printed, "exchanged:")
+    assert 0 < responses <= points < faces
+    assert fewer_points < points
+    assert fewer_faces < faces
+    assert order == 2
+    assert 0 < numbers(printed, "two rings:")[0] < 90
+    ratios = {
+        name: numbers(printed, f"constant image, centering={name}:")[0]
+        for name in ("none", "mean", "harmonic", "plane")
+    }
+    assert ratios["none"] > 0.3
+    assert ratios["mean"] == ratios["harmonic"] == ratios["plane"] == 0
+
+
+def test_kernels_give_the_torus_and_the_ramps_their_closed_forms(tmp_path):
+    printed = run_example("03_kernels.py", tmp_path)
+    (sizes,) = [line for line in printed.splitlines() if line.startswith("torus:")]
+    assert sizes == "torus: N=20000 E=60000 F=40000, Euler 0"
+    assert numbers(printed, "B1 B2: largest entry")[0] == 0
+    assert numbers(printed, "neighbours of vertex 0:") == [6, 12, 6]
+    assert all(numbers(printed, f"order {order}: median |r|")[0] > 0 for order in range(4))
+    assert numbers(printed, "phase: red") == [0, 90]
+    slope, *_, blue = numbers(printed, "slope: red")
+    assert slope == pytest.approx(1 / 512, abs=1e-6)
+    assert blue < 1e-12
+    assert 0 < numbers(printed, "time:")[0] < 1000

@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tspslam.errors import InputError, OutputError
+from tspslam.types import Rig
+from tspslam.vision.calibration import LARGEST_FILE
+from tspslam.vision.rig import load_rig, save_rig
+
+GOOD = {"fx": "500.0", "fy": "500", "cx": "320", "cy": "240", "baseline": "0.1", "width": "640", "height": "480"}
+
+
+def write(folder: Path, text: str | bytes) -> Path:
+    path = folder / "calib.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def lines(**changes: str | None) -> str:
+    return "".join(f"{key}: {value}\n" for key, value in {**GOOD, **changes}.items() if value is not None)
+
+
+def test_plain_numbers_are_read(tmp_path: Path) -> None:
+    rig = load_rig(write(tmp_path, lines(skew="-0.5", doffs="1.0e+1")))
+    assert rig == Rig(500, 500, 320, 240, 0.1, 640, 480, -0.5, 10)
+    assert load_rig(str(write(tmp_path, lines()))).doffs == 0
+
+
+finite = st.floats(-1e12, 1e12)
+positive = st.floats(1e-12, 1e12)
+size = st.integers(1, 1_000_000)
+
+
+@given(
+    st.builds(
+        Rig, fx=positive, fy=positive, cx=finite, cy=finite, baseline=positive, width=size, height=size, skew=finite,
+        doffs=finite,
+    )
+)  # fmt: skip
+@settings(max_examples=50, deadline=None)
+def test_loading_inverts_saving(rig: Rig) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        save_rig(rig, Path(folder, "c.yaml"))
+        assert load_rig(Path(folder, "c.yaml")) == rig
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty, expected a mapping"),
+        ("- 1\n", "is a list"),
+        ("fx: [1\n", "is not plain YAML"),
+        (b"\xff\xfe\x00", "is not plain YAML"),
+        ("a: &x 1\nb: *x\n", "anchors and aliases .* line 1"),
+        ("b: *x\n", "anchors and aliases"),
+        ("fx: !!float 1\n", "the tag .* is not allowed"),
+        ("fx: !!python/name:os.system 1\n", "the tag"),
+        (lines() + "fx: 3\n", "the key fx is there twice"),
+        ("? [1, 2]\n: 3\n", "is not plain YAML"),
+        (lines(focal="3"), "unknown key 'focal'; expected"),
+        (lines(basline="3"), "unknown key 'basline'; did you mean baseline"),
+        (lines(**{"1": "3"}), "unknown key '1'"),
+        (lines(left="{distortion: [1]}"), "raw pairs are not supported yet"),
+        (lines(T_right_left="[1]"), "raw pairs are not supported yet"),
+        (lines(fx=None, cy=None), "lacks fx, cy"),
+        (lines(fx="1e5"), "fx is the text '1e5'.*write 1.0e\\+5"),
+        (lines(fx="'500'"), "no quotes"),
+        (lines(fx="wide"), "fx is 'wide', expected a positive number"),
+        (lines(cx="true"), "cx is True, expected a number"),
+        (lines(cx="null"), "cx is None"),
+        (lines(cx="[1, 2]"), "cx is"),
+        (lines(cx="2020-01-01"), "cx is datetime"),
+        (lines(width="640.5"), "width is 640.5, expected a positive whole number"),
+        (lines(width="0"), "width is 0"),
+        (lines(height="-3"), "height is -3"),
+        (lines(height="9999999999"), "at most 1000000"),
+        (lines(fx=".nan"), "fx is nan, expected a positive number, finite"),
+        (lines(cx="-.inf"), "cx is -inf"),
+        (lines(fx="0"), "fx is 0"),
+        (lines(baseline="-0.1"), "baseline is -0.1"),
+        (lines(cx="1" + "0" * 400), "cx is"),
+        ("a: " + "[" * 5000, "is not plain YAML"),
+        ("x" * (LARGEST_FILE + 1), "is larger than 1048576 bytes"),
+    ],
+)
+def test_bad_files_are_refused_with_their_name(tmp_path: Path, text: str | bytes, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        load_rig(write(tmp_path, text))
+    assert "calib.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_missing_files_and_folders_are_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.yaml", tmp_path, Path("a\0b")):
+        with pytest.raises(InputError, match="cannot be read"):
+            load_rig(path)
+
+
+def test_saving_into_nowhere_is_an_output_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        save_rig(Rig(1, 1, 1, 1, 1, 1, 1), tmp_path / "none" / "calib.yaml")
+
+
+pieces = st.sampled_from(
+    [*GOOD, "skew", "left", ": ", "\n", " ", "- ", "1", "640", "-", ".", "e5", "!!int ", "&a ", "*a", "{", "}", "[", "]",
+     "'", '"', "\t", "%YAML 1.1\n---\n", "0x1F", "1:30", "<<", "? ", "|", ">", ".inf", ".nan", "\u2028", "\x00", "=", "~"]
+)  # fmt: skip
+
+
+@given(st.lists(pieces, max_size=30).map("".join) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_any_file_gives_a_rig_or_an_input_error(text: str) -> None:
+    for content in (text, lines() + text):
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                assert isinstance(load_rig(write(Path(folder), content)), Rig)
+            except InputError as error:
+                assert "\n" not in str(error)  # noqa: PT017
