@@ -1,11 +1,14 @@
-"""How the pages are built: offline, with nothing but Sphinx; numbers and pictures come from the package at build time."""
+"""How the pages are built: offline, by Sphinx alone; numbers and pictures come from the package at build time."""
 
 import contextlib
 import io
+import re
 from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.domains.python import PyClasslike
+from sphinx.util.nodes import make_refnode
 
 import tspslam
 
@@ -17,7 +20,6 @@ language = "en-GB"
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "_generated"]
 default_role = "py:obj"
-add_module_names = False
 autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_member_order = "bysource"
 autosummary_generate = False
@@ -77,7 +79,30 @@ def write_mathml(writer, node, *, as_block):
     raise nodes.SkipNode
 
 
+def split_grouped_fields(app, what, name, obj, options, lines):
+    """Give each of ``a, b : float`` its own entry, which napoleon does for parameters, not for attributes."""
+    if what == "class":
+        group = re.compile(r"^((?:\w+, )+\w+)((?: :.*)?)\n((?: +.*\n|\n(?= ))+)", re.MULTILINE)
+        text = group.sub(lambda m: "".join(f"{n}{m[2]}\n{m[3]}" for n in m[1].split(", ")), "\n".join(lines) + "\n")
+        lines[:] = text.splitlines()
+
+
+def find_by_last_name(app, env, node, contnode):
+    """Link a name that a docstring gives without its module, if only one object on the pages has it."""
+    if node.get("refdomain") != "py" or not node["reftarget"].isidentifier():
+        return None
+    objects = env.domains["py"].objects
+    found = [entry for name, entry in objects.items() if name.split(".")[-1] == node["reftarget"]]
+    if len(found) != 1:
+        return None
+    return make_refnode(app.builder, node["refdoc"], found[0].docname, found[0].node_id, contnode)
+
+
 def setup(app):
+    for field in PyClasslike.doc_field_types:
+        field.label = "Attributes" if field.name == "variable" else field.label
+    app.connect("autodoc-process-docstring", split_grouped_fields, priority=400)
+    app.connect("missing-reference", find_by_last_name)
     app.connect("builder-inited", draw_pictures)
     app.connect("doctree-read", run_code_blocks)
     app.add_html_math_renderer(

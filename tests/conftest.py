@@ -20,7 +20,11 @@ def small_pair(motorcycle):
 
     rows, columns = slice(200, 400), slice(300, 600)
     rig = replace(motorcycle.rig, cx=motorcycle.rig.cx - 300, cy=motorcycle.rig.cy - 200, width=300, height=200)
-    return np.ascontiguousarray(motorcycle.left[rows, columns]), np.ascontiguousarray(motorcycle.right[rows, columns]), rig
+    return (
+        np.ascontiguousarray(motorcycle.left[rows, columns]),
+        np.ascontiguousarray(motorcycle.right[rows, columns]),
+        rig,
+    )
 
 
 @pytest.fixture

@@ -169,7 +169,9 @@ def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files):
     )
     words = ["run", "left.png", "right.png", "--calib", "calib.yaml", "--out", "out"]
     environment = os.environ | {"NUMBA_DISABLE_CACHING": "1"}
-    done = subprocess.run([sys.executable, "-c", script, *words], cwd=pair_files, capture_output=True, text=True, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], cwd=pair_files, capture_output=True, text=True, env=environment
+    )
     assert done.returncode == 5, done.stderr
     assert "Traceback" not in done.stderr
     left = [p.name for p in (pair_files / "out").rglob("*") if p.is_file()]
@@ -286,7 +288,14 @@ def plane_mesh(folder, rig, depth=3.0):
 
 def test_filter_answers_on_a_mesh_and_a_posed_image(capsys, pair_files, small_pair):
     points, faces = plane_mesh(pair_files, small_pair[2])
-    words = ["filter", pair_files / "plane.ply", "--image", pair_files / "left.png", "--calib", pair_files / "calib.yaml"]
+    words = [
+        "filter",
+        pair_files / "plane.ply",
+        "--image",
+        pair_files / "left.png",
+        "--calib",
+        pair_files / "calib.yaml",
+    ]
     code, out, err = type_in(capsys, *words, "--out", pair_files / "out", "--centering", "plane", "--json")
     result = json.loads(out)
     assert code == 0
@@ -312,6 +321,7 @@ def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
 
 def test_help_and_import_are_quick():
     """Against a bare interpreter in the same run: 0.3 s for --help, 0.1 s for the import."""
+
     def best(*words):
         times = []
         for _ in range(5):

@@ -42,7 +42,7 @@ def test_code_on_a_page_runs(path):
 
 
 def test_code_fits_the_column():
-    assert [line for path in PAGES for block in code_of(path) for line in block.splitlines() if len(line) > 88] == []
+    assert [line for path in PAGES for block in code_of(path) for line in block.splitlines() if len(line) > 90] == []
 
 
 def test_centring_by_hand_agrees_with_the_filter():
@@ -111,7 +111,7 @@ def test_every_command_and_exit_code_is_on_the_outputs_page():
 def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path):
     html = tmp_path / "html"
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", "-d", str(tmp_path / "doctrees"), str(DOCS), str(html)],
+        [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", "-d", tmp_path / "doctrees", DOCS, html],
         capture_output=True, encoding="utf-8", timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -230,7 +230,9 @@ def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
     """A bar on stderr if it is a terminal, else a line every tenth of the frames."""
     if not sys.stderr.isatty():
         every = max(1, total // 10)
-        yield lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if of > 1 and done % every == 0 else None
+        yield (
+            lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if of > 1 and done % every == 0 else None
+        )
         return
     from rich.console import Console
     from rich.progress import Progress

@@ -159,7 +159,7 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> dict[
     frame = session.process(pair)
     summary = _summary(frame)
     write_frame(path, frame)
-    write_bytes(summary_path, _json_bytes(summary))
+    write_bytes(summary_path, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     folder.record(path, input_hash=key)
     folder.record(summary_path, input_hash=key)
     return summary | {"seconds": frame.seconds}

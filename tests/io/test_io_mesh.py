@@ -68,7 +68,7 @@ def test_a_disk_that_fails_while_reading_is_an_input_error(tmp_path, monkeypatch
         def read(self, *_):
             raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("tspslam.io._files.open_input", lambda *_: Failing())
+    monkeypatch.setattr("tspslam._files.open_input", lambda *_: Failing())
     with pytest.raises(InputError, match="Input/output error"):
         read_mesh(tmp_path / "a.obj")
 

@@ -200,7 +200,7 @@ def test_parts_that_do_not_belong_together_are_refused(frame, tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_an_output_error(frame, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OutputError, match="could not write"):
+    with pytest.raises(OutputError, match="cannot be written"):
         write_pictures(frame, tmp_path / "file" / "pictures")
 
 

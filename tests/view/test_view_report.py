@@ -196,7 +196,7 @@ def test_a_picture_that_is_none_is_an_input_error(frame, tmp_path):
 
 def test_a_page_that_cannot_be_written_is_an_output_error(frame, tmp_path):
     (tmp_path / "report.html").mkdir()
-    with pytest.raises(OutputError, match="could not write"):
+    with pytest.raises(OutputError, match="is not a regular file"):
         write_report(frame, {}, [], tmp_path / "report.html")
     assert [x.name for x in tmp_path.iterdir()] == ["report.html"]
 

@@ -1,6 +1,6 @@
 """Reading and writing: images, PLY, VTU, stored frames, run folders. Files are whole or not there."""
 
-from .atomic import atomic_write, write_bytes
+from .._atomic import atomic_write, write_bytes
 from .frames import FrameLike, StoredFrame, read_frame, write_frame
 from .images import read_image, write_png
 from .manifest import Unit

@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .._atomic import write_bytes
+from .._files import PathLike, bad_input, read_bytes, reason_of
 from ..errors import InputError
 from ..topology.complex import Complex
 from ..types import Cloud, Response, Rig, Signals, Surface
-from ._files import PathLike, bad_input, read_bytes, reason_of
 from ._frame_schema import MAGIC, OPTIONAL, SCHEMA, VERSION, Arrays, check, parse_array, to_schema
-from .atomic import write_bytes
 
 _EXPECTED = f"a frame of format version {VERSION}"
 _LARGEST = 1 << 32

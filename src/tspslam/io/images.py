@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from .._atomic import write_bytes
+from .._files import PathLike, bad_input, open_input, reason_of
 from ..errors import InputError
-from ._files import PathLike, bad_input, open_input, reason_of
-from .atomic import write_bytes
 
 if TYPE_CHECKING:
     from PIL import Image

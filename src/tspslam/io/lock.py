@@ -7,9 +7,9 @@ import os
 import sys
 from pathlib import Path
 
+from .._atomic import bad_output
+from .._files import PathLike, one_line
 from ..errors import InputError
-from ._files import PathLike, one_line
-from .atomic import bad_output
 
 LOCK_NAME = ".lock"
 # Windows forbids others to read locked bytes: the locked one lies far behind the process id.

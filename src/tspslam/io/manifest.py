@@ -12,8 +12,8 @@ from io import BufferedReader
 from pathlib import Path
 from typing import cast
 
-from ._files import PathLike, bad_input, open_input, read_bytes, reason_of
-from .atomic import bad_output
+from .._atomic import bad_output
+from .._files import PathLike, bad_input, open_input, read_bytes, reason_of
 
 _EXPECTED = "a manifest of finished units"
 _HASH = re.compile("[0-9a-f]{64}")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import PathLike, bad_input, read_bytes
 from ..errors import InputError
 from ..types import FloatArray
-from ._files import PathLike, bad_input, read_bytes
 from .frames import read_frame
 from .ply import read_ply
 from .vtu import read_vtu

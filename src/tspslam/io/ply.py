@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._atomic import write_bytes
+from .._files import PathLike, bad_input, read_bytes
 from ..errors import InputError
 from ..types import FloatArray
-from ._files import PathLike, bad_input, read_bytes
 from ._ply_body import corners_of, read_elements
 from ._ply_header import Element, parse_header
-from .atomic import write_bytes
 
 _EXPECTED = "a PLY file of points and triangles"
 _WORDS = {

@@ -11,10 +11,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, make_folder, write_bytes
+from .._files import PathLike, bad_input, one_line, read_bytes
 from ..errors import InputError, OutputError
 from . import _config
-from ._files import PathLike, bad_input, one_line, read_bytes
-from .atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, write_bytes
 from .lock import LOCK_NAME, FolderLock
 from .manifest import Unit, append_unit, read_manifest, sha256_file
 from .trajectory import write_kitti, write_tum
@@ -85,12 +85,12 @@ class RunFolder:
         if not isinstance(settings, dict):
             raise InputError(f"config is {type(config).__name__}, expected a mapping")
         _refuse_foreign(folder)
-        _make(folder)
+        make_folder(folder)
         lock = FolderLock(folder)
         try:
             _settle_config(folder, settings)
             for part in ("frames", "pictures"):
-                _make(folder / part)
+                make_folder(folder / part)
             _sweep(folder)
             run = cls(folder, settings, lock)
             run._cut_torn_line()
@@ -304,13 +304,6 @@ def _refuse_foreign(folder: Path) -> None:
     alien = [name for name in names if name != LOCK_NAME and not _is_temporary(name)]
     if alien and not _is_ours(folder):
         raise bad_input(folder, f"holds {sorted(alien)[0]!r} and no {_CONFIG} of a run", _EXPECTED)
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise bad_output(folder, error) from error
 
 
 def _read_config(folder: Path) -> dict[str, Any]:

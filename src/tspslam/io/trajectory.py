@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._atomic import write_bytes
+from .._files import PathLike, bad_input
 from ..types import FloatArray
-from ._files import PathLike, bad_input
-from .atomic import write_bytes
 
 _ORTHONORMAL = 1e-6
 

@@ -10,11 +10,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._atomic import write_bytes
+from .._files import PathLike, bad_input, read_bytes
 from ..errors import InputError
 from ..types import FloatArray
-from ._files import PathLike, bad_input, read_bytes
 from ._vtk_data import LARGEST_ARRAY, NAMES, TYPES, Layout, decode_binary, decode_text, encode
-from .atomic import write_bytes
 
 if TYPE_CHECKING:
     from ..topology.complex import Complex

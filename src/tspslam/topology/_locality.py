@@ -26,7 +26,7 @@ def _interleave(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def cells_of(uv):  # type: ignore[no-untyped-def]
-    """Cell of each point in a grid over the image, in Morton order, and the number of cells; without a place: the last."""
+    """Cell of each point in a grid in Morton order, and how many cells there are; no place: the last one."""
     n = uv.shape[0]
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(n):

@@ -105,8 +105,12 @@ def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Co
     edge_pixels, face_pixels = np.zeros(n_edges, np.int32), np.zeros(n_faces, np.int32)
     table = _prefix_table(plane)
     _pixels.sample_vertices(plane, unit, uv, by_vertex, ahead, vertex, vertex_ok)
-    _pixels.sample_edges(plane, unit, uv, vertex_ok, complex_.edges, by_edge, ahead, edge, edge_uv, edge_pixels, edge_ok)
-    _pixels.sample_faces(plane, table, unit, uv, vertex_ok, complex_.faces, by_face, ahead, face, face_uv, face_pixels, face_ok)
+    _pixels.sample_edges(
+        plane, unit, uv, vertex_ok, complex_.edges, by_edge, ahead, edge, edge_uv, edge_pixels, edge_ok
+    )
+    _pixels.sample_faces(
+        plane, table, unit, uv, vertex_ok, complex_.faces, by_face, ahead, face, face_uv, face_pixels, face_ok
+    )
     return Signals(vertex, edge, face, edge_uv, face_uv, edge_pixels, face_pixels, vertex_ok, edge_ok, face_ok)
 
 

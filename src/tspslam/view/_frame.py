@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, OutputError
+from ..errors import InputError
 from ..topology.complex import Complex
 from ..types import BoolArray, Cloud, FloatArray, Image, Response, Signals, Surface
 
@@ -235,27 +232,3 @@ def phase_colours(count: int) -> FloatArray:
     )
     linear = np.clip(to_rgb @ lms**3, 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055).T
-
-
-def write_atomic(path: Path, content: bytes) -> None:
-    """Write a file to a temporary name beside it, flush, fsync, rename.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be made or the file not be written; the old file, if any, is untouched.
-    """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise OutputError(f"view: could not write {path}: {error.strerror or error}") from error

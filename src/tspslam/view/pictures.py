@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from .._atomic import make_folder, write_bytes
 from ..types import BoolArray, FloatArray
 from . import _solid as solid
 from . import _style as style
@@ -30,7 +31,6 @@ from ._frame import (
     phase_on_faces,
     projected,
     wide,
-    write_atomic,
 )
 
 Counts = NDArray[np.int64]
@@ -100,10 +100,11 @@ def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
     }
     if not nearly_one_class(frame):
         del pictures["keypoints_depth"]
+    make_folder(Path(folder))
     paths = []
     for name, draw in pictures.items():
         paths.append(Path(folder) / f"{name}.png")
-        write_atomic(paths[-1], style.png(draw(frame)))
+        write_bytes(paths[-1], style.png(draw(frame)))
     return paths
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from .. import __version__
+from .._atomic import make_folder, write_bytes
 from ..errors import InputError
-from ._frame import FrameView, check_frame, write_atomic
+from ._frame import FrameView, check_frame
 from ._page import SCRIPT, STYLE
 
 CITATION = (
@@ -134,7 +135,8 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
         + "\n".join(section for section in sections if section)
         + f"\n</main>\n<footer><p>tspslam {html.escape(__version__)}</p><p>{CITATION}</p></footer>\n</body>\n</html>\n"
     )
-    write_atomic(Path(path), page.encode("utf-8", "replace"))
+    make_folder(Path(path).parent)
+    write_bytes(path, page.encode("utf-8", "replace"))
     return Path(path)
 
 

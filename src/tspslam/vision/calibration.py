@@ -81,7 +81,7 @@ def save_rig(rig: Rig, path: str | os.PathLike[str]) -> None:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     save_rig(rig, f"{folder}/calib.yaml")
     """
-    from ..io.atomic import write_bytes
+    from .._atomic import write_bytes
 
     lines = [f"{key}: {_plain(getattr(rig, key))}" for key in (*_REQUIRED, *_OPTIONAL)]
     write_bytes(path, ("\n".join(lines) + "\n").encode("ascii"))

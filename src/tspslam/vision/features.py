@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,8 +88,9 @@ def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
 class OrbDetector:
     """ORB keypoints and descriptors (Rublee et al. 2011), spread evenly over the image.
 
-    ORB's corners are oversampled; the image is cut into square cells, and cells take turns in giving their best
-    remaining corner until `count` are found. Of corners that fall on one pixel at several octaves, the best stays.
+    Corners are peaks of the FAST segment test on each octave, ranked by Harris response and oriented by the centroid
+    of their neighbourhood. The image is cut into square cells, which take turns in giving their best remaining corner
+    until `count` are found. Of corners that fall on one pixel at several octaves, the best stays.
 
     Parameters
     ----------
@@ -102,8 +102,6 @@ class OrbDetector:
         Octaves.
     fast_threshold : int
         Contrast of a corner, grey levels.
-    oversampling : float
-        Corners looked at per keypoint wanted.
     per_cell : float
         Keypoints a cell holds in the mean; smaller spreads more evenly.
 
@@ -124,7 +122,6 @@ class OrbDetector:
     scale_factor: float = 1.2
     levels: int = 8
     fast_threshold: int = 10
-    oversampling: float = 1.5
     per_cell: float = 6.0
 
     def __post_init__(self) -> None:
@@ -134,7 +131,6 @@ class OrbDetector:
             "scale_factor": (1.01, 4.0),
             "levels": (1, 16),
             "fast_threshold": (1, 254),
-            "oversampling": (1.0, 100.0),
             "per_cell": (0.1, 1000.0),
         }
         for name, (low, high) in ranges.items():
@@ -162,75 +158,100 @@ class OrbDetector:
         """
         if grey.ndim != 2 or grey.dtype != np.uint8:
             raise InputError(f"orb: image is {grey.dtype} of shape {grey.shape}, expected (H, W) uint8")
-        levels = self._usable_levels(grey.shape)
-        if levels == 0:
+        planes = self._pyramid(np.ascontiguousarray(grey))
+        corners = self._choose(_all_corners(planes, self.fast_threshold), grey.shape)
+        if len(corners.xy) == 0:
             return _no_features()
+        return self._describe(grey, corners, _orientations(planes, corners))
+
+    def _pyramid(self, grey: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """Octaves that are larger than the margins, each resampled from the one before."""
         import cv2
 
+        planes: list[NDArray[np.uint8]] = []
+        level: Any = grey
+        for octave in range(self.levels):
+            height, width = (round(side / self.scale_factor**octave) for side in grey.shape)
+            if min(height, width) < 2 * _EDGE + 6:
+                break
+            if octave:
+                level = cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR_EXACT)
+            planes.append(level)
+        return planes
+
+    def _choose(self, corners: _Corners, shape: tuple[int, ...]) -> _Corners:
+        """Spread choice of the corners, sorted by octave."""
+        from ._corners import spread
+
+        height, width = shape
+        uv = np.minimum(_full_size(corners, self.scale_factor), (width - 1, height - 1))
+        order = _strongest_first(corners.strength)
+        side = max(8.0, math.sqrt(height * width * self.per_cell / self.count))
+        chosen = np.sort(spread(uv, order, side, width, height, self.count))
+        return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
+
+    def _describe(self, grey: NDArray[np.uint8], corners: _Corners, angle: NDArray[np.float64]) -> Features:
+        """ORB's descriptors of the blurred octaves."""
+        import cv2
+
+        scale = self.scale_factor ** corners.octave.astype(np.float64)
+        # OpenCV places a keypoint at its level coordinates times the scale.
+        places = corners.xy * scale[:, None]
+        rows = zip(places.tolist(), (scale * _PATCH).tolist(), np.degrees(angle).tolist(), corners.octave.tolist())
+        keypoints = [cv2.KeyPoint(x, y, size, turn, 0.0, octave) for (x, y), size, turn, octave in rows]
         orb = cv2.ORB.create(
-            nfeatures=math.ceil(self.count * self.oversampling),
-            scaleFactor=self.scale_factor,
-            nlevels=levels,
-            edgeThreshold=_EDGE,
-            patchSize=_PATCH,
-            fastThreshold=self.fast_threshold,
+            scaleFactor=self.scale_factor, nlevels=int(corners.octave.max()) + 1, edgeThreshold=_EDGE, patchSize=_PATCH
         )
-        candidates = orb.detect(np.ascontiguousarray(grey), None)
-        kept = self._spread(candidates, grey.shape) if candidates else []
-        if not kept:
-            return _no_features()
-        described, descriptor = orb.compute(grey, kept)
-        return _pack(described, descriptor, self.scale_factor)
-
-    def _usable_levels(self, shape: tuple[int, ...]) -> int:
-        """Octaves whose image is still larger than the margins."""
-        ratio = min(shape) / (2 * _EDGE + 6)
-        return 0 if ratio < 1 else min(self.levels, 1 + int(math.log(ratio) / math.log(self.scale_factor)))
-
-    def _spread(self, candidates: Sequence[Any], shape: tuple[int, ...]) -> list[Any]:
-        import cv2
-
-        uv = np.asarray(cv2.KeyPoint.convert(candidates), np.float32)
-        score = np.array([c.response for c in candidates])
-        octave = np.array([c.octave for c in candidates])
-        best = _best_per_pixel(uv, score)
-        side = max(8, math.sqrt(shape[0] * shape[1] * self.per_cell / self.count))
-        cell = (uv[best, 1] // side) * math.ceil(shape[1] / side) + uv[best, 0] // side
-        turn = _rank_in_group(cell, -score[best])
-        chosen = best[np.lexsort((-score[best], turn))[: self.count]]
-        return [candidates[k] for k in chosen[np.lexsort((chosen, octave[chosen]))]]
+        described, descriptor = orb.compute(grey, keypoints)
+        assert len(described) == len(keypoints)  # the margins leave none at the border
+        uv = _full_size(corners, self.scale_factor)
+        return Features(
+            uv, np.asarray(descriptor, np.uint8), corners.strength, scale.astype(np.float32), angle.astype(np.float32)
+        )
 
 
-def _best_per_pixel(uv: NDArray[np.float32], score: NDArray[np.float64]) -> NDArray[np.int64]:
-    pixel = np.rint(uv).astype(np.int64) @ np.array([1, 1 << 20])
-    order = np.lexsort((-score, pixel))
-    new = np.diff(pixel[order], prepend=-1) != 0
-    return np.sort(order[new])
+@dataclass(frozen=True)
+class _Corners:
+    """Corners in level coordinates: xy (N, 2), octave (N,), strength (N,) float32."""
+
+    xy: NDArray[np.int64]
+    octave: NDArray[np.int64]
+    strength: NDArray[np.float32]
 
 
-def _rank_in_group(group: NDArray[Any], key: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Rank of each element by key within its group, from 0."""
-    order = np.lexsort((key, group))
-    place = np.arange(len(order))
-    new = np.diff(group[order], prepend=-1) != 0
-    rank = np.empty(len(order), np.int64)
-    rank[order] = place - np.maximum.accumulate(np.where(new, place, 0))
-    return rank
+def _all_corners(planes: list[NDArray[np.uint8]], threshold: int) -> _Corners:
+    from ._corners import find_corners
 
-
-def _pack(keypoints: Sequence[Any], descriptor: NDArray[np.uint8], scale_factor: float) -> Features:
-    import cv2
-
-    scale = scale_factor ** np.array([k.octave for k in keypoints], np.float64)
-    # ORB multiplies level coordinates by the scale; pixel centres then sit (scale - 1)/2 off.
-    uv = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64) + (scale[:, None] - 1) / 2
-    return Features(
-        uv=uv,
-        descriptor=descriptor,
-        score=np.array([k.response for k in keypoints], np.float32),
-        scale=scale.astype(np.float32),
-        angle=np.radians(np.array([k.angle for k in keypoints], np.float32)),
+    found = [find_corners(plane, threshold, _EDGE) for plane in planes]
+    sizes = [len(strength) for _, strength in found]
+    return _Corners(
+        np.concatenate([np.zeros((0, 2), np.int64), *(xy for xy, _ in found)]),
+        np.repeat(np.arange(len(planes)), sizes),
+        np.concatenate([np.zeros(0, np.float32), *(strength for _, strength in found)]),
     )
+
+
+def _orientations(planes: list[NDArray[np.uint8]], corners: _Corners) -> NDArray[np.float64]:
+    from ._corners import orientations
+
+    angle = np.empty(len(corners.xy))
+    for octave, plane in enumerate(planes):
+        begin, end = np.searchsorted(corners.octave, (octave, octave + 1))
+        orientations(plane, corners.xy[begin:end], angle[begin:end])
+    return angle
+
+
+def _strongest_first(strength: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Stable order by falling strength; bits of positive floats sort as integers, with the row below them."""
+    falling = np.uint64(0xFFFFFFFF) - strength.view(np.uint32).astype(np.uint64)
+    keys = np.sort((falling << np.uint64(32)) | np.arange(len(strength), dtype=np.uint64))
+    return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
+
+
+def _full_size(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
+    """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
+    scale = scale_factor ** corners.octave.astype(np.float64)[:, None]
+    return corners.xy * scale + (scale - 1) / 2
 
 
 def _no_features() -> Features:

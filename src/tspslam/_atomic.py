@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import OutputError
 from ._files import PathLike, one_line, reason_of
+from .errors import OutputError
 
 TEMPORARY_PREFIX = ".tspslam-"
 TEMPORARY_SUFFIX = ".tmp"
@@ -23,6 +23,14 @@ def bad_output(path: PathLike, error: Exception) -> OutputError:
     return OutputError(
         one_line(f"{path}: cannot be written ({reason_of(error)}); expected a writable place with space")
     )
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it; `OutputError` if that cannot be done."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise bad_output(folder, error) from error
 
 
 @contextlib.contextmanager

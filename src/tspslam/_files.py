@@ -6,7 +6,7 @@ import os
 import stat
 from typing import BinaryIO
 
-from ..errors import InputError
+from .errors import InputError
 
 PathLike = str | os.PathLike[str]
 
