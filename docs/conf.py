@@ -23,6 +23,7 @@ default_role = "py:obj"
 autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_member_order = "bysource"
 autosummary_generate = False
+strip_signature_backslash = True  # napoleon then keeps the last underscore of complex_
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
@@ -46,13 +47,17 @@ html_theme_options = {
 html_sidebars = {"**": ["about.html", "navigation.html", "searchbox.html"]}
 
 
+PACKAGE = sorted(Path(tspslam.__file__).parent.rglob("*.py"))
+
+
 def draw_pictures(app):
-    """The pictures that the tutorial shows, drawn by the package from the Motorcycle pair."""
+    """The pictures that the tutorial shows, drawn by the package from the Motorcycle pair when its code has changed."""
     from tspslam.view import write_pictures
 
     folder = Path(app.srcdir, "_generated")
-    wanted = ("keypoints_depth.png", "signals.png", "phase.png")
-    if all((folder / name).exists() for name in wanted):
+    drawn = [folder / name for name in ("keypoints_depth.png", "signals.png", "phase.png")]
+    changed = max(path.stat().st_mtime for path in PACKAGE)
+    if all(path.exists() and path.stat().st_mtime > changed for path in drawn):
         return
     pair = tspslam.datasets.motorcycle()
     write_pictures(tspslam.Session(pair.rig).process(pair), folder)
@@ -61,6 +66,8 @@ def draw_pictures(app):
 def run_code_blocks(app, doctree):
     """Run the Python blocks of a page in one namespace and show below each what it prints."""
     namespace = {"__name__": "__main__"}
+    for path in PACKAGE:
+        app.env.note_dependency(path)
     for block in list(doctree.findall(nodes.literal_block)):
         if block.get("language") != "python":
             continue

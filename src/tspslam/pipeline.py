@@ -175,7 +175,7 @@ def _summary(frame: Frame) -> dict[str, Any]:
         "edges": len(frame.complex_.edges),
         "faces": len(frame.complex_.faces),
         "euler": frame.complex_.euler,
-        "pinched_vertices": len(pinched_vertices(frame.surface.faces, len(frame.cloud))),
+        "pinched_vertices": pinched_vertices(frame.surface.faces, len(frame.cloud)).tolist(),
         "defined": int(frame.response.defined.sum()),
         "keypoints_left": quality.keypoints_left,
         "keypoints_right": quality.keypoints_right,
@@ -206,12 +206,17 @@ def _run_record(
             "disparity_offset_std_px": None,
         },
         "warnings": [*skipped, *_warnings(source, done, shown)],
-        "per_frame": [{key: value for key, value in unit.items() if key != "seconds"} for unit in done],
+        "per_frame": [_row(unit) for unit in done],
         "versions": _versions(),
         "seeds": {},
         "input_hash": _hash_of([_rig_record(source.rig), [unit["name"] for unit in done]]),
         "settings_hash": _hash_of(resolved.nested),
     }
+
+
+def _row(unit: dict[str, Any]) -> dict[str, Any]:
+    row = {key: value for key, value in unit.items() if key != "seconds"}
+    return row | {"pinched_vertices": len(unit["pinched_vertices"])}
 
 
 def _warnings(source: Source, done: list[dict[str, Any]], shown: str) -> Iterator[dict[str, str]]:
@@ -222,9 +227,9 @@ def _warnings(source: Source, done: list[dict[str, Any]], shown: str) -> Iterato
     if unpaired:
         names = ", ".join(map(str, list(unpaired)[:3]))
         yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner of the same name: {names}"}
-    pinched = sum(unit["pinched_vertices"] for unit in done)
+    pinched = sum(len(unit["pinched_vertices"]) for unit in done)
     if pinched:
-        message = f"the surface is not a manifold at {pinched} vertices: depth cuts left several fans of faces there"
+        message = f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
         yield {"code": "pinched_vertices", "message": message}
 
 

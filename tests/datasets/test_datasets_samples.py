@@ -26,5 +26,6 @@ def test_motorcycle_and_its_truth_fit_together() -> None:
 
 
 def test_importing_datasets_loads_nothing_heavy() -> None:
-    code = "import sys, tspslam.datasets; print([m for m in ('skimage', 'cv2', 'numba', 'scipy', 'PIL') if m in sys.modules])"
+    heavy = ("skimage", "cv2", "numba", "scipy", "PIL")
+    code = f"import sys, tspslam.datasets; print([m for m in {heavy} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

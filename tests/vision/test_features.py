@@ -5,7 +5,8 @@ import pytest
 
 from tspslam.errors import InputError
 from tspslam.types import StereoPair
-from tspslam.vision.features import OrbDetector, grey_levels, luminance_levels
+from tspslam.vision._corners import orientations, segment_scores
+from tspslam.vision.features import OrbDetector, _strongest_first, grey_levels, luminance_levels
 
 from .conftest import noise
 
@@ -47,14 +48,14 @@ def test_keypoints_are_spread_more_evenly_than_by_score_alone(pair: StereoPair) 
         return int((counts == 0).sum())
 
     grey = grey_levels(pair.left)
-    spread, crowded = OrbDetector(count=500)(grey), OrbDetector(count=500, per_cell=1000)(grey)
-    assert empty_cells(spread.uv) < empty_cells(crowded.uv) / 2
+    even, crowded = OrbDetector()(grey), OrbDetector(per_cell=1000)(grey)
+    assert empty_cells(even.uv) <= 8
+    assert empty_cells(crowded.uv) > 3 * empty_cells(even.uv)
 
 
 def test_no_two_keypoints_start_on_one_pixel(pair: StereoPair) -> None:
     features = OrbDetector()(grey_levels(pair.left))
-    raw = features.uv - (features.scale[:, None].astype(np.float64) - 1) / 2
-    assert len(np.unique(np.rint(raw), axis=0)) == 2000
+    assert len(np.unique(np.floor(features.uv + 0.5), axis=0)) == 2000
 
 
 def test_a_blob_is_found_at_its_centre_on_every_octave() -> None:
@@ -84,7 +85,7 @@ def test_any_size_works_with_and_without_texture(shape: tuple[int, int]) -> None
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("count", 0), ("scale_factor", 1.0), ("levels", 0), ("fast_threshold", 0), ("oversampling", 0.5), ("per_cell", 0)],
+    [("count", 0), ("scale_factor", 1.0), ("levels", 0), ("fast_threshold", 0), ("per_cell", 0)],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"orb: {name} is"):
@@ -95,3 +96,30 @@ def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
 def test_detector_wants_a_grey_plane(image: np.ndarray) -> None:
     with pytest.raises(InputError, match="uint8"):
         OrbDetector()(image)
+
+
+def test_corner_score_is_that_of_the_plain_segment_test() -> None:
+    image = noise(60, 70)
+    score = np.zeros_like(image)
+    segment_scores(image, 10, 5, score)
+    circle = [(0, -3), (2, -2), (3, 0), (2, 2), (0, 3), (-2, 2), (-3, 0), (-2, -2)]
+    for y, x in np.random.default_rng(1).integers(5, 55, (300, 2)):
+        ring = [int(image[y + dv, x + du]) - int(image[y, x]) for du, dv in circle] * 2
+        bright = max(min(ring[k : k + 4]) for k in range(8))
+        dark = max(min(-r for r in ring[k : k + 4]) for k in range(8))
+        best = max(bright, dark)
+        assert score[y, x] == (best if best > 10 else 0)
+
+
+def test_orientation_turns_with_the_image() -> None:
+    v, u = np.mgrid[-20:21, -20:21]
+    angle = np.empty(1)
+    for turn in (0.3, 2.0, 4.5):
+        image = np.rint(128 + 5 * (u * np.cos(turn) + v * np.sin(turn))).clip(0, 255).astype(np.uint8)
+        orientations(image, np.array([[20, 20]]), angle)
+        assert abs(angle[0] - turn) < 0.01
+
+
+def test_ranking_is_stable_by_falling_strength() -> None:
+    strength = np.array([1.0, 5.0, 1.0, 0.25, 5.0, 3e7], np.float32)
+    np.testing.assert_array_equal(_strongest_first(strength), np.argsort(-strength, kind="stable"))

@@ -7,6 +7,7 @@ import numpy as np
 from .._jit import inlined, kernel, prefetch, reassociated_kernel
 
 NONE, MEAN, HARMONIC, PLANE = 0, 1, 2, 3
+BLOCK = 8  # vertices whose neighbours are brought near together
 NEAREST_SQUARED = 1e-12  # px²: an element this close to the vertex has no direction
 POOREST = 1e-3  # smallest eigenvalue of the design that still admits a fit
 
@@ -137,26 +138,26 @@ def _append(elements, e, weight, u, v, shift, count, x, y, s, w):  # type: ignor
     w[count] = elements[e, 3] * weight
 
 
-@inlined
-def _fetch_ahead(ahead, visit, r, start, rows, elements, z):  # type: ignore[no-untyped-def]
-    """Bring near what the coming vertices need: first their rows, then the elements that these name."""
-    if ahead > 0 and r + 2 * ahead < visit.shape[0]:
-        prefetch(start, visit[r + 2 * ahead])
-        far = visit[r + ahead]
-        prefetch(rows, start[far])
-        prefetch(rows, start[far] + 16)
-        prefetch(z, far)
-        near = visit[r + ahead // 2]
-        for p in range(start[near], start[near + 1]):
+@kernel
+def fetch(visit, first, start, rows, elements, z):  # type: ignore[no-untyped-def]
+    """Bring near what the coming blocks of vertices need: their rows, then the elements that these name."""
+    last = min(first + BLOCK, visit.shape[0])
+    for r in range(min(first + BLOCK, last), min(first + 2 * BLOCK, visit.shape[0])):
+        prefetch(rows, start[visit[r]])
+        prefetch(rows, start[visit[r]] + 16)
+        prefetch(z, visit[r])
+    for r in range(first, last):
+        for p in range(start[visit[r]], start[visit[r] + 1]):
             prefetch(elements, rows[p])
 
 
 @reassociated_kernel
-def filter_one_ring(visit, ahead, start, rows, elements, order, centering, weight, z, defined):  # type: ignore[no-untyped-def]
+def filter_one_ring(visit, is_far, start, rows, elements, order, centering, weight, z, defined):  # type: ignore[no-untyped-def]
     """T-MAHF with one weight for every element of the one-ring; `rows` index the packed elements."""
     x, y, s, w = _scratch(_longest_row(start))
     for r in range(visit.shape[0]):
-        _fetch_ahead(ahead, visit, r, start, rows, elements, z)
+        if is_far and r % BLOCK == 0:
+            fetch(visit, r + BLOCK, start, rows, elements, z)
         i = visit[r]
         u, v, own = elements[i, 0], elements[i, 1], elements[i, 2]
         if elements[i, 3] == 0.0:

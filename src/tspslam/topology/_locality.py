@@ -5,12 +5,14 @@ Results do not depend on the order of the visit; only the time does.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._jit import inlined, kernel
+from ..types import FloatArray, IntArray
 
 PER_CELL = 16  # vertices in a cell of the grid, about
-AHEAD = 12  # elements between a prefetch and its use
 FEW = 1 << 15  # up to so many vertices everything is near
 
 
@@ -58,7 +60,7 @@ def order_by_cell(cells, count, first):  # type: ignore[no-untyped-def]
         start[cells[first[e]] + 1] += 1
     for c in range(count):
         start[c + 1] += start[c]
-    order = np.empty(first.shape[0], np.int32)
+    order = np.empty(first.shape[0], np.uint32)
     for e in range(first.shape[0]):
         c = cells[first[e]]
         order[start[c]] = e
@@ -66,13 +68,13 @@ def order_by_cell(cells, count, first):  # type: ignore[no-untyped-def]
     return order
 
 
-def visits(uv, *firsts):  # type: ignore[no-untyped-def]
-    """How far ahead to prefetch (0: not at all), then the order of visit of the vertices and of elements.
+def visits(uv: FloatArray, *firsts: IntArray) -> tuple[Any, ...]:
+    """Whether much is far from the cache, then the order of visit of the vertices and of elements.
 
     Elements are given by their first vertices.
     """
     n = uv.shape[0]
     if n <= FEW:
-        return 0, *(np.arange(length, dtype=np.int32) for length in (n, *map(len, firsts)))
+        return False, *(np.arange(length, dtype=np.uint32) for length in (n, *map(len, firsts)))
     cells, count = cells_of(uv)
-    return AHEAD, *(order_by_cell(cells, count, first) for first in (np.arange(n, dtype=np.int32), *firsts))
+    return True, *(order_by_cell(cells, count, first) for first in (np.arange(n, dtype=np.uint32), *firsts))

@@ -6,6 +6,7 @@ import numpy as np
 
 from .._jit import inlined, kernel, prefetch
 
+BLOCK = 32  # elements whose data are brought near together
 SUBPIXEL = 256  # corners of triangles are rounded to 1/256 px, so that "inside" is decided in integers
 
 
@@ -43,14 +44,10 @@ def _bilinear(image, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sample_vertices(image, unit, uv, order, ahead, value, ok):  # type: ignore[no-untyped-def]
+def sample_vertices(image, unit, uv, order, value, ok):  # type: ignore[no-untyped-def]
     """Bilinear samples at `uv`; a vertex outside the image (or NaN) has no signal."""
     height, width = image.shape
-    for r in range(order.shape[0]):
-        i = order[r]
-        if ahead > 0 and r + ahead < order.shape[0]:
-            prefetch(uv, order[r + ahead])
-            prefetch(value, order[r + ahead])
+    for i in order:
         u, v = uv[i, 0], uv[i, 1]
         ok[i] = 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1
         if ok[i]:
@@ -91,27 +88,24 @@ def _trace(image, u0, v0, u1, v1):  # type: ignore[no-untyped-def]
     return total, sum_u, sum_v
 
 
-@inlined
-def _fetch_ahead(ahead, order, r, elements, uv, vertex_ok, value, places, pixels, ok):  # type: ignore[no-untyped-def]
-    """Bring near what the coming elements need: their corners, where those are, and where results go."""
-    if ahead > 0 and r + 2 * ahead < order.shape[0]:
-        prefetch(elements, order[r + 2 * ahead])
-        near = order[r + ahead]
-        prefetch(value, near)
-        prefetch(places, near)
-        prefetch(pixels, near)
-        prefetch(ok, near)
-        for side in range(elements.shape[1]):
-            prefetch(uv, elements[near, side])
-            prefetch(vertex_ok, elements[near, side])
-
-
 @kernel
-def sample_edges(image, unit, uv, vertex_ok, edges, order, ahead, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
-    """Mean and barycentre of each edge's pixel line; a one-pixel line: bilinear sample at the midpoint."""
-    for r in range(order.shape[0]):
+def fetch(order, first, elements, uv, vertex_ok, value, places, pixels, ok):  # type: ignore[no-untyped-def]
+    """Bring near what a coming block of elements needs: corners, where those are, where results go."""
+    for r in range(first, min(first + BLOCK, order.shape[0])):
         e = order[r]
-        _fetch_ahead(ahead, order, r, edges, uv, vertex_ok, value, edge_uv, pixels, ok)
+        prefetch(value, e)
+        prefetch(places, e)
+        prefetch(pixels, e)
+        prefetch(ok, e)
+        for side in range(elements.shape[1]):
+            prefetch(uv, elements[e, side])
+            prefetch(vertex_ok, elements[e, side])
+
+
+@inlined
+def _sample_edge_block(image, unit, uv, vertex_ok, edges, block, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Means along lines of pixels; a one-pixel line: bilinear sample at the midpoint."""
+    for e in block:
         i, j = edges[e, 0], edges[e, 1]
         ok[e] = vertex_ok[i] and vertex_ok[j]
         if not ok[e]:
@@ -131,6 +125,16 @@ def sample_edges(image, unit, uv, vertex_ok, edges, order, ahead, value, edge_uv
         value[e] = total * unit / count
         edge_uv[e, 0], edge_uv[e, 1] = sum_u / count, sum_v / count
         pixels[e] = count
+
+
+@kernel
+def sample_edges(image, unit, uv, vertex_ok, edges, order, is_far, value, edge_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Mean and barycentre of each edge's pixel line, in the order of visit."""
+    for first in range(0, order.shape[0], BLOCK):
+        if is_far:
+            fetch(order, first + BLOCK, edges, uv, vertex_ok, value, edge_uv, pixels, ok)
+        block = order[first : first + BLOCK]
+        _sample_edge_block(image, unit, uv, vertex_ok, edges, block, value, edge_uv, pixels, ok)
 
 
 @inlined
@@ -215,12 +219,10 @@ def _grid(x):  # type: ignore[no-untyped-def]
     return int(np.floor(x * SUBPIXEL + 0.5))
 
 
-@kernel
-def sample_faces(image, table, unit, uv, vertex_ok, faces, order, ahead, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
-    """Mean and barycentre of each closed triangle's pixels; none inside: bilinear sample at the centroid."""
-    for r in range(order.shape[0]):
-        f = order[r]
-        _fetch_ahead(ahead, order, r, faces, uv, vertex_ok, value, face_uv, pixels, ok)
+@inlined
+def _sample_face_block(image, table, unit, uv, vertex_ok, faces, block, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Means over closed triangles; no pixel centre inside: bilinear sample at the centroid."""
+    for f in block:
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         ok[f] = vertex_ok[i] and vertex_ok[j] and vertex_ok[k]
         if not ok[f]:
@@ -237,3 +239,13 @@ def sample_faces(image, table, unit, uv, vertex_ok, faces, order, ahead, value, 
             v = (uv[i, 1] + uv[j, 1] + uv[k, 1]) / 3.0
             value[f] = _bilinear(image, u, v) * unit
             face_uv[f, 0], face_uv[f, 1] = u, v
+
+
+@kernel
+def sample_faces(image, table, unit, uv, vertex_ok, faces, order, is_far, value, face_uv, pixels, ok):  # type: ignore[no-untyped-def]
+    """Mean and barycentre of each closed triangle's pixels, in the order of visit."""
+    for first in range(0, order.shape[0], BLOCK):
+        if is_far:
+            fetch(order, first + BLOCK, faces, uv, vertex_ok, value, face_uv, pixels, ok)
+        block = order[first : first + BLOCK]
+        _sample_face_block(image, table, unit, uv, vertex_ok, faces, block, value, face_uv, pixels, ok)

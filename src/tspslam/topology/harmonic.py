@@ -125,8 +125,8 @@ def _filter(
     z, defined = np.zeros(complex_.n, np.complex128), np.zeros(complex_.n, bool)
     if rings is None:
         start, rows = complex_.stars
-        ahead, visit = _locality.visits(elements[: complex_.n, :2])
-        _harmonics.filter_one_ring(visit, ahead, start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
+        is_far, visit = _locality.visits(elements[: complex_.n, :2])
+        _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
     else:
         near = (complex_.vertex_rows, complex_.face_rows, complex_.face_edges)
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)

@@ -97,20 +97,17 @@ def sample_signals(
 def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Complex) -> Signals:
     from . import _locality, _pixels
 
-    ahead, by_vertex, by_edge, by_face = _locality.visits(uv, complex_.edges[:, 0], complex_.faces[:, 0])
-    n_edges, n_faces = len(complex_.edges), len(complex_.faces)
+    edges, faces = complex_.edges.view(np.uint32), complex_.faces.view(np.uint32)  # unsigned: no wrap-around checks
+    is_far, by_vertex, by_edge, by_face = _locality.visits(uv, edges[:, 0], faces[:, 0])
+    n_edges, n_faces = len(edges), len(faces)
     vertex, vertex_ok = np.zeros(complex_.n), np.zeros(complex_.n, bool)
     edge, edge_uv, edge_ok = np.zeros(n_edges), np.zeros((n_edges, 2)), np.zeros(n_edges, bool)
     face, face_uv, face_ok = np.zeros(n_faces), np.zeros((n_faces, 2)), np.zeros(n_faces, bool)
     edge_pixels, face_pixels = np.zeros(n_edges, np.int32), np.zeros(n_faces, np.int32)
     table = _prefix_table(plane)
-    _pixels.sample_vertices(plane, unit, uv, by_vertex, ahead, vertex, vertex_ok)
-    _pixels.sample_edges(
-        plane, unit, uv, vertex_ok, complex_.edges, by_edge, ahead, edge, edge_uv, edge_pixels, edge_ok
-    )
-    _pixels.sample_faces(
-        plane, table, unit, uv, vertex_ok, complex_.faces, by_face, ahead, face, face_uv, face_pixels, face_ok
-    )
+    _pixels.sample_vertices(plane, unit, uv, by_vertex, vertex, vertex_ok)
+    _pixels.sample_edges(plane, unit, uv, vertex_ok, edges, by_edge, is_far, edge, edge_uv, edge_pixels, edge_ok)
+    _pixels.sample_faces(plane, table, unit, uv, vertex_ok, faces, by_face, is_far, face, face_uv, face_pixels, face_ok)
     return Signals(vertex, edge, face, edge_uv, face_uv, edge_pixels, face_pixels, vertex_ok, edge_ok, face_ok)
 
 

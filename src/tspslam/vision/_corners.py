@@ -38,12 +38,17 @@ def segment_scores(image: Levels, threshold: int, margin: int, score: Levels) ->
     """
     height, width = image.shape
     none = np.uint8(0)
+    limit = np.uint8(threshold)
+    first, last = margin, width - margin
     for y in range(margin, height - margin):
-        above3, above2, here, below2, below3 = image[y - 3], image[y - 2], image[y], image[y + 2], image[y + 3]
-        for x in range(margin, width - margin):
-            c = here[x]
-            a, b, d, e = above3[x], above2[x + 2], here[x + 3], below2[x + 2]
-            f, g, h, i = below3[x], below2[x - 2], here[x - 3], above2[x - 2]
+        # One slice a point: plain indices from 0 let the compiler use whole registers.
+        n, ne, nw = image[y - 3, first:last], image[y - 2, first + 2 : last + 2], image[y - 2, first - 2 : last - 2]
+        here, east, west = image[y, first:last], image[y, first + 3 : last + 3], image[y, first - 3 : last - 3]
+        south, se, sw = image[y + 3, first:last], image[y + 2, first + 2 : last + 2], image[y + 2, first - 2 : last - 2]
+        out = score[y, first:last]
+        for x in range(last - first):
+            c, a, b, d, e = here[x], n[x], ne[x], east[x], se[x]
+            f, g, h, i = south[x], sw[x], west[x], nw[x]
             ab, bd, de, ef = lesser(a, b), lesser(b, d), lesser(d, e), lesser(e, f)
             fg, gh, hi, ia = lesser(f, g), lesser(g, h), lesser(h, i), lesser(i, a)
             one, two = greater(lesser(ab, de), lesser(bd, ef)), greater(lesser(de, fg), lesser(ef, gh))
@@ -55,30 +60,37 @@ def segment_scores(image: Levels, threshold: int, margin: int, score: Levels) ->
             three, four = lesser(greater(fg, hi), greater(gh, ia)), lesser(greater(hi, ab), greater(ia, bd))
             low = lesser(lesser(one, two), lesser(three, four))
             contrast = greater(np.uint8(greater(high, c) - c), np.uint8(c - lesser(low, c)))
-            score[y, x] = contrast if contrast > threshold else none
+            out[x] = contrast if contrast > limit else none
 
 
 @kernel
 def peaks(score: Levels, y: int, peak: Levels) -> None:
     """Keep in `peak` the scores of row y that exceed those of their eight neighbours; of equal ones the last."""
     above, here, below = score[y - 1], score[y], score[y + 1]
-    none = np.uint8(0)
-    for x in range(1, score.shape[1] - 1):
-        s = here[x]
-        before = greater(greater(above[x - 1], above[x]), greater(above[x + 1], here[x - 1]))
-        after = greater(greater(below[x - 1], below[x]), greater(below[x + 1], here[x + 1]))
-        peak[x] = s if (s >= before) & (s > after) else none
+    none, width = np.uint8(0), len(here)
+    a, b, c = above[: width - 2], above[1 : width - 1], above[2:]
+    d, e, f = here[: width - 2], here[1 : width - 1], here[2:]
+    g, h, i = below[: width - 2], below[1 : width - 1], below[2:]
+    out = peak[1 : width - 1]
+    for x in range(width - 2):
+        before, after = (
+            greater(greater(a[x], b[x]), greater(c[x], d[x])),
+            greater(greater(f[x], g[x]), greater(h[x], i[x])),
+        )
+        out[x] = e[x] if (e[x] >= before) & (e[x] > after) else none
 
 
 @reassociated_kernel
-def harris(image: Levels, y: int, x: int) -> float:
+def harris(image: Levels, y: int, x: int) -> np.float32:
     """Harris response over a block of 7 x 7 px, per pixel; central differences."""
     xx, xy, yy = np.float32(0), np.float32(0), np.float32(0)
     for dy in range(-_BLOCK, _BLOCK + 1):
-        above, here, below = image[y + dy - 1], image[y + dy], image[y + dy + 1]
-        for dx in range(x - _BLOCK, x + _BLOCK + 1):
-            gx = np.float32(here[dx + 1]) - np.float32(here[dx - 1])
-            gy = np.float32(below[dx]) - np.float32(above[dx])
+        first, last = x - _BLOCK, x + _BLOCK + 1
+        above, below = image[y + dy - 1, first:last], image[y + dy + 1, first:last]
+        here = image[y + dy, first - 1 : last + 1]
+        for k in range(2 * _BLOCK + 1):
+            gx = np.float32(here[k + 2]) - np.float32(here[k])
+            gy = np.float32(below[k]) - np.float32(above[k])
             xx += gx * gx
             xy += gx * gy
             yy += gy * gy

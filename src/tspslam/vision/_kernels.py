@@ -294,7 +294,7 @@ def align_one(
     strip: Float32,
     taps: Float32,
 ) -> tuple[float, float, float, bool]:
-    """Iterate `solve_step` until it moves by less than 0.002 px: displacement, correlation, gain, success."""
+    """Iterate `solve_step` until it moves by less than 0.004 px: displacement, correlation, gain, success."""
     shift, score, gain = start, 0.0, 0.0
     width = right.shape[1]
     for _ in range(12):
@@ -307,7 +307,7 @@ def align_one(
         if gain == 0.0:
             return shift, score, gain, False
         shift += min(max(step, -1.0), 1.0)
-        if abs(step) < 0.002:
+        if abs(step) < 0.004:
             return shift, score, gain, True
     return shift, score, gain, False
 

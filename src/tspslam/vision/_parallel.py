@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
@@ -10,13 +10,18 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def both(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
-    """Apply `function` to each item, two at a time, results in order."""
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(function, items))
+def both(function: Callable[[A], B], items: tuple[A, A]) -> tuple[B, B]:
+    """Apply `function` to two items at a time, one of them in this thread."""
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(function, items[0])
+        second = function(items[1])
+        return first.result(), second
 
 
 def in_halves(function: Callable[[slice], None], count: int) -> None:
     """Call `function` on the slices of two halves of `count` independent rows."""
     middle = count // 2
-    both(function, [part for part in (slice(0, middle), slice(middle, count)) if part.start < part.stop])
+    if middle:
+        both(function, (slice(0, middle), slice(middle, count)))
+    elif count:
+        function(slice(0, count))

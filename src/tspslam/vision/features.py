@@ -197,8 +197,8 @@ class OrbDetector:
         scale = self.scale_factor ** corners.octave.astype(np.float64)
         # OpenCV places a keypoint at its level coordinates times the scale.
         places = corners.xy * scale[:, None]
-        rows = zip(places.tolist(), (scale * _PATCH).tolist(), np.degrees(angle).tolist(), corners.octave.tolist())
-        keypoints = [cv2.KeyPoint(x, y, size, turn, 0.0, octave) for (x, y), size, turn, octave in rows]
+        columns = places[:, 0], places[:, 1], scale * _PATCH, np.degrees(angle), corners.strength, corners.octave
+        keypoints = list(map(cv2.KeyPoint, *(column.tolist() for column in columns)))
         orb = cv2.ORB.create(
             scaleFactor=self.scale_factor, nlevels=int(corners.octave.max()) + 1, edgeThreshold=_EDGE, patchSize=_PATCH
         )

@@ -93,6 +93,9 @@ class HammingMatcher:
         self, left: Features, right: Features, height: int, low: float, high: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of `left` and `right` that match with ``low <= u_left - u_right <= high``."""
+        if left.descriptor.shape[1:] != right.descriptor.shape[1:]:
+            sizes = f"{left.descriptor.shape[1:]} on the left and {right.descriptor.shape[1:]} on the right"
+            raise InputError(f"descriptors have the shapes {sizes}, expected the same")
         ways = ((left, right, low, high), (right, left, -high, -low))
         forth, back = both(lambda way: _nearest(*way, height, self.row_tolerance), ways)
         best, distance, second = forth.T
@@ -128,7 +131,7 @@ def survey_disparities(
     every = left.uv[i, 0] - right.uv[j, 0]
     disparity = every[supported(left.uv[i], every, tolerance=2.0)]
     behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
-    if behind >= _FEW and behind > 2 * (len(disparity) - behind):
+    if behind >= _FEW and 2 * behind > len(disparity):
         raise GeometryError(
             f"{pair.name}: {behind} of {len(disparity)} disparities are negative, expected positive ones; "
             "the left and right images look swapped"
@@ -171,8 +174,6 @@ def _nearest(
     from ._kernels import match_rows
 
     words, other_words = _as_words(points), _as_words(other)
-    if words.shape[1] != other_words.shape[1]:
-        raise InputError(f"descriptors are of {points.descriptor.shape[1]} and {other.descriptor.shape[1]} bytes")
     row = np.clip(np.rint(other.uv[:, 1]).astype(np.int64), 0, height - 1)
     order = np.argsort(row, kind="stable")
     row_start = np.searchsorted(row[order], np.arange(height + 1))

@@ -116,8 +116,8 @@ class RowMatcher:
         (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
         partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
         partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
-        first, second = both(smooth_plane, (pair.left, pair.right))
-        planes, offset = self._level((first, second), left.uv[i], guess[i])
+        planes = both(smooth_plane, (pair.left, pair.right))
+        planes, offset = self._level(planes, left.uv[i], guess[i])
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
