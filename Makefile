@@ -14,8 +14,8 @@ test: $(READY_DEV)  ## every check and every test
 	$(BIN)/python -m pytest -n 2
 
 check: $(READY_DEV)
-	$(BIN)/ruff format --check src tests benchmarks examples
-	$(BIN)/ruff check src tests benchmarks examples
+	$(BIN)/ruff format --check src tests benchmarks examples docs
+	$(BIN)/ruff check src tests benchmarks examples docs
 	$(BIN)/mypy
 
 bench: $(READY_DEV)  ## figures against named references, beside the committed baseline

@@ -87,7 +87,7 @@ def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
     frame: Annotated[int, typer.Option(help="Index of the frame.")] = 0,
-    output: Annotated[Path | None, typer.Option(help="File to write [default: beside the run's frames].")] = None,
+    output: Annotated[Path | None, typer.Option(help="File to write [default: RUN-FRAME.FORMAT here].")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write one frame of a finished run in another format, without running again."""

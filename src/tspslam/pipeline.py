@@ -229,7 +229,9 @@ def _warnings(source: Source, done: list[dict[str, Any]], shown: str) -> Iterato
         yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner of the same name: {names}"}
     pinched = sum(len(unit["pinched_vertices"]) for unit in done)
     if pinched:
-        message = f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
+        message = (
+            f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
+        )
         yield {"code": "pinched_vertices", "message": message}
 
 

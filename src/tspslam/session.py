@@ -52,8 +52,16 @@ class Frame:
     ----------
     pair : StereoPair
         The images and their rig.
-    cloud, surface, complex_, signals, response
-        The result of each stage.
+    cloud : Cloud
+        Points that both cameras see.
+    surface : Surface
+        Triangles over them.
+    complex_ : Complex
+        The simplicial complex of these.
+    signals : Signals
+        Luminance on vertices, edges and faces.
+    response : Response
+        The filter's answer at each vertex.
     quality : StereoQuality
         How well the two images matched.
     seconds : dict

@@ -127,6 +127,7 @@ def test_no_faces_no_vertices_and_edges_alone_are_complexes():
     ([], 3, [[0, 1], [1, 3]], "edge 1"),
     ([], 3, [[0, 1, 2]], "shape"),
     ([], -1, None, "n is -1"),
+    ([], 3.5, None, "n is 3.5, expected an integer"),
     ([], 2**31, None, "n is 2147483648"),
 ])  # fmt: skip
 def test_bad_input_is_named(faces, n, edges, message):

@@ -206,6 +206,7 @@ def test_the_stage_is_the_function():
     ({"centering": "planar"}, "centering is 'planar', expected one of none, mean, harmonic, plane"),
     ({"order": 0, "centering": "mean"}, "order 0, expected 'none'"),
     ({"order": 2, "centering": "plane"}, "expected order 1"),
+    ({"weight": 2}, "weight is 2, expected a function"),
     ({"weight": lambda d: 0.5}, r"weight\(0\) is 0.5, expected 1"),
     ({"weight": lambda d: 1.0 + d}, r"weight\(1\) is 2.0, expected non-increasing"),
     ({"weight": lambda d: 1.0 if d != 1 else np.nan}, r"weight\(1\) is nan"),

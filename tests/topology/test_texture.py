@@ -149,6 +149,11 @@ def test_luminance_of_colour_uses_float_weights():
     assert luminance(colour)[0].tolist() == pytest.approx([0.299, 0.587, 0.114])
 
 
+def test_unknown_channels_are_named():
+    with pytest.raises(InputError, match="channels is 'rgb', expected 'luminance' or 'all'"):
+        sample_signals(noise((4, 4, 3)), [[0, 0]], build_complex([], 1), channels="rgb")
+
+
 @pytest.mark.parametrize(("image", "uv", "message"), [
     (np.zeros((4, 4), np.int32), [[0, 0]], "int32, expected uint8, uint16"),
     (np.zeros((4,), np.uint8), [[0, 0]], r"shape is \(4,\)"),

@@ -40,7 +40,7 @@ def dump(config: object) -> bytes:
     """Return plain settings as YAML behind our mark."""
     import yaml
 
-    return (MARK + yaml.safe_dump(config, sort_keys=True, allow_unicode=True, width=1000)).encode("utf-8")
+    return (MARK + yaml.safe_dump(config, sort_keys=True, allow_unicode=False, width=1000)).encode("utf-8")
 
 
 def load(data: bytes) -> Any:

@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._jit import inlined, kernel
-from ..types import FloatArray, IntArray
+from ..types import FloatArray
 
 PER_CELL = 16  # vertices in a cell of the grid, about
 FEW = 1 << 15  # up to so many vertices everything is near
@@ -68,7 +69,7 @@ def order_by_cell(cells, count, first):  # type: ignore[no-untyped-def]
     return order
 
 
-def visits(uv: FloatArray, *firsts: IntArray) -> tuple[Any, ...]:
+def visits(uv: FloatArray, *firsts: NDArray[np.uint32]) -> tuple[Any, ...]:
     """Whether much is far from the cache, then the order of visit of the vertices and of elements.
 
     Elements are given by their first vertices.

@@ -73,12 +73,12 @@ class Complex:
 
     @cached_property
     def B1(self) -> csr_array:
-        """Vertex-to-edge incidence matrix, (N, E) int8: -1 at i, +1 at j of an edge i < j."""
+        """Vertex-to-edge incidence matrix, (N, E) int8, with -1 at i and +1 at j of an edge i < j."""
         return _incidence(self.edges, np.array([-1, 1], np.int8), self.n)
 
     @cached_property
     def B2(self) -> csr_array:
-        """Edge-to-face incidence matrix, (E, F) int8: +1 on (i, j), +1 on (j, k), -1 on (i, k)."""
+        """Edge-to-face incidence matrix, (E, F) int8, with +1 on (i, j), +1 on (j, k), -1 on (i, k)."""
         return _incidence(self.face_edges, np.array([1, 1, -1], np.int8), len(self.edges))
 
     @cached_property
@@ -183,8 +183,8 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
     """
     from . import _kernels
 
-    if not 0 <= n < 2**31:
-        raise InputError(f"complex: n is {n}, expected 0 <= n < 2**31")
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 0 <= n < 2**31:
+        raise InputError(f"complex: n is {n!r}, expected an integer, 0 <= n < 2**31")
     triples = _simplices(faces, 3, "face")
     ascending = np.empty(triples.shape, np.int32)
     _refuse(triples, _kernels.sort_faces(triples, n, ascending), n, "face")

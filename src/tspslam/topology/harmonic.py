@@ -187,6 +187,8 @@ def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> Float
 
 def _weights_by_distance(weight: Weight, n: int) -> FloatArray:
     """``g[0..D]``, D the last distance with a positive weight (or n, beyond which nothing is)."""
+    if not callable(weight):
+        raise InputError(f"tmahf: weight is {weight!r}, expected a function of the topological distance")
     values: list[float] = []
     for d in range(n + 1):
         value = float(weight(d))

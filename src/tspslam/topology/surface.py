@@ -63,7 +63,7 @@ def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.1, significance
     Returns
     -------
     Surface
-        faces (F, 3) int32, counter-clockwise as Qhull gives them in (u, v); F may be 0.
+        faces (F, 3) int32, counter-clockwise in (u, v), that is clockwise on the screen; F may be 0.
 
     Raises
     ------

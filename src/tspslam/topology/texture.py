@@ -55,7 +55,7 @@ def sample_signals(
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
-        uint8, uint16, or float in [0, 1]; three channels are RGB.
+        uint8, uint16, or float (luminance in [0, 1]; other ranges pass through as they are); three channels are RGB.
     uv : (N, 2) array
         Projections of the vertices, px; NaN for a vertex that the camera does not see.
     complex_ : Complex
@@ -125,6 +125,8 @@ def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:
 def _planes(image: NDArray[Any], channels: Channels) -> list[tuple[NDArray[Any], float]]:
     """The planes to sample, contiguous, each with the factor that makes it luminance."""
     unit = _checked_unit(image)
+    if channels not in ("luminance", "all"):
+        raise InputError(f"channels is {channels!r}, expected 'luminance' or 'all'")
     if image.ndim == 2:
         return [(np.ascontiguousarray(image), unit)]
     count = image.shape[2]

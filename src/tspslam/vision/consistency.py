@@ -40,7 +40,7 @@ def supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> Boo
         return np.ones(len(uv), np.bool_)
     from scipy.spatial import cKDTree
 
-    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(uv, _NEIGHBOURS + 1)
+    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(uv, _NEIGHBOURS + 1, workers=2)
     difference = np.abs(disparity[neighbour] - disparity[:, None])
     agree = difference <= tolerance + _SLOPE * distance
     agrees: BoolArray = np.count_nonzero(agree, axis=1) > _NEEDED  # the point itself agrees too
