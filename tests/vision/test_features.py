@@ -123,3 +123,11 @@ def test_orientation_turns_with_the_image() -> None:
 def test_ranking_is_stable_by_falling_strength() -> None:
     strength = np.array([1.0, 5.0, 1.0, 0.25, 5.0, 3e7], np.float32)
     np.testing.assert_array_equal(_strongest_first(strength), np.argsort(-strength, kind="stable"))
+
+
+def test_keypoints_keep_their_distance_whatever_their_octave(motorcycle):
+    from scipy.spatial import cKDTree
+
+    uv = OrbDetector(spacing=0.5)(grey_levels(motorcycle.left)).uv
+    least = 0.5 * np.sqrt(500 * 741 / 2000)
+    assert cKDTree(uv).query(uv, 2)[0][:, 1].min() > least - 2  # whole pixels, rounded places

@@ -118,10 +118,10 @@ def find_corners(image: Levels, threshold: int, margin: int) -> tuple[Int64, Flo
 
 
 @kernel
-def spread(uv: Float64, order: Int64, side: float, width: int, height: int, count: int) -> Int64:
+def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, height: int, count: int) -> Int64:
     """Choose `count` points evenly: square cells take turns in giving the next of their points in `order`.
 
-    Of several points on one pixel only the first in `order` takes part. Returns indices, best turn first.
+    A point within `spacing` px of an earlier one in `order` takes no part. Returns indices, best turn first.
     """
     columns, rows = int(width / side) + 1, int(height / side) + 1
     given = np.zeros(columns * rows, np.int64)
@@ -129,8 +129,11 @@ def spread(uv: Float64, order: Int64, side: float, width: int, height: int, coun
     turn = np.full(len(order), -1, np.int64)
     for k in range(len(order)):
         u, v = uv[order[k], 0], uv[order[k], 1]
-        if not taken[int(v + 0.5), int(u + 0.5)]:
-            taken[int(v + 0.5), int(u + 0.5)] = True
+        x, y = int(u + 0.5), int(v + 0.5)
+        if not taken[y, x]:
+            for row in range(max(0, y - spacing), min(height, y + spacing + 1)):
+                reach = int(np.sqrt(spacing * spacing - (row - y) * (row - y)))
+                taken[row, max(0, x - reach) : x + reach + 1] = True
             cell = int(v / side) * columns + int(u / side)
             turn[k] = given[cell]
             given[cell] += 1

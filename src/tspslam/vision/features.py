@@ -90,7 +90,7 @@ class OrbDetector:
 
     Corners are peaks of the FAST segment test on each octave, ranked by Harris response and oriented by the centroid
     of their neighbourhood. The image is cut into square cells, which take turns in giving their best remaining corner
-    until `count` are found. Of corners that fall on one pixel at several octaves, the best stays.
+    until `count` are found. Of corners close to each other, at whatever octave, the strongest stays.
 
     Parameters
     ----------
@@ -104,6 +104,8 @@ class OrbDetector:
         Contrast of a corner, grey levels.
     per_cell : float
         Keypoints a cell holds in the mean; smaller spreads more evenly.
+    spacing : float
+        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
 
     Raises
     ------
@@ -121,8 +123,9 @@ class OrbDetector:
     count: int = 2000
     scale_factor: float = 1.2
     levels: int = 8
-    fast_threshold: int = 10
+    fast_threshold: int = 7
     per_cell: float = 6.0
+    spacing: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -132,6 +135,7 @@ class OrbDetector:
             "levels": (1, 16),
             "fast_threshold": (1, 254),
             "per_cell": (0.1, 1000.0),
+            "spacing": (0.0, 1.0),
         }
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
@@ -186,8 +190,9 @@ class OrbDetector:
         height, width = shape
         uv = np.minimum(_full_size(corners, self.scale_factor), (width - 1, height - 1))
         order = _strongest_first(corners.strength)
-        side = max(8.0, math.sqrt(height * width * self.per_cell / self.count))
-        chosen = np.sort(spread(uv, order, side, width, height, self.count))
+        apart = math.sqrt(height * width / self.count)
+        side = max(8.0, apart * math.sqrt(self.per_cell))
+        chosen = np.sort(spread(uv, order, side, int(self.spacing * apart), width, height, self.count))
         return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
 
     def _describe(self, grey: NDArray[np.uint8], corners: _Corners, angle: NDArray[np.float64]) -> Features:
