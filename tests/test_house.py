@@ -10,8 +10,10 @@ SRC = Path(tspslam.__file__).parent
 GROUND = {"_atomic", "_files", "_jit", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
-    "cli": {"pipeline", "config", "datasets", "io", "view", "session", "topology"} | GROUND,
-    "pipeline": {"config", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,
+    "cli": {"filtering", "pipeline", "config", "datasets", "io", "view", "session", "topology"} | GROUND,
+    "filtering": {"pipeline", "records", "io", "vision", "topology"} | GROUND,
+    "pipeline": {"config", "records", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,
+    "records": {"session", "vision", "topology"} | GROUND,
     "config": {"session", "vision", "topology"} | GROUND,
     "session": {"vision", "topology"} | GROUND,
     "datasets": {"vision", "io"} | GROUND,

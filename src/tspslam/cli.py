@@ -74,12 +74,12 @@ def filter_command(
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
-    from . import pipeline
+    from .filtering import filter_mesh
     from .topology.harmonic import Tmahf
 
     _announce_compilation()
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    _finish(pipeline.filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage), as_json)
+    _finish(filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage), as_json)
 
 
 @app.command("export")

@@ -1,0 +1,101 @@
+"""The user's own mesh and posed image to a run folder: the topology wing alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .io import RunFolder, StoredFrame, read_image, read_mesh, write_frame
+from .io.maps import write_maps
+from .pipeline import RunResult, draw, shown_of
+from .records import array_hash, hash_of, machine, versions
+from .topology.complex import build_complex
+from .topology.harmonic import Tmahf
+from .topology.texture import sample_signals
+from .types import Cloud, FloatArray, Image, Rig, Surface
+from .vision.rig import load_rig, project
+
+
+def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf) -> RunResult:
+    """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
+
+    Parameters
+    ----------
+    mesh : path
+        PLY, OBJ, VTU or a stored frame; vertices in the camera's frame, m.
+    image : path
+        What the left camera saw.
+    calibration : path
+        Our calibration file.
+    out : path
+        The run folder to fill.
+    stage : Tmahf
+        The filter.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or the camera sees no vertex.
+    OutputError
+        If something cannot be written.
+    """
+    rig, pixels = load_rig(calibration), read_image(image)
+    if pixels.shape[:2] != (rig.height, rig.width):
+        seen = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise InputError(f"{image}: is {seen} px, expected {rig.width}x{rig.height} as {calibration} says")
+    xyz, faces = read_mesh(mesh)
+    frame = _filtered(xyz, faces, pixels, rig, stage, mesh.stem)
+    given = [array_hash(values) for values in (pixels, xyz, faces)]
+    settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
+    with RunFolder.create(out, settings) as folder:
+        path = folder.frame_path(0)
+        write_frame(path, frame)
+        folder.record(path, input_hash=folder.config_hash)
+        record = _filter_record(frame)
+        write_maps(folder.map_vtu_path, folder.map_ply_path, frame)
+        draw(folder, shown_of(pixels, frame), record, folder.config_hash)
+        folder.write_run(record)
+        folder.write_timings({"machine": machine()})
+    return RunResult(out, record)
+
+
+def _filtered(
+    xyz: FloatArray, faces: NDArray[np.int32], pixels: Image, rig: Rig, stage: Tmahf, name: str
+) -> StoredFrame:
+    complex_ = build_complex(faces, len(xyz))
+    uv = project(rig, xyz)
+    signals = sample_signals(pixels, uv, complex_)
+    seen = signals.vertex_ok
+    if not seen.any():
+        raise InputError(
+            f"{name}: none of {len(xyz)} vertices falls into the image, expected the camera's frame, metres"
+        )
+    response = stage(complex_, uv, signals)
+    depth = np.where(seen, xyz[:, 2], 1.0)
+    disparity = np.where(seen, rig.fx * rig.baseline / depth - rig.doffs, 0.0)
+    cloud = Cloud(xyz, np.where(seen[:, None], uv, 0.0), disparity)
+    kept = Surface(faces if len(faces) == len(complex_.faces) else complex_.faces)
+    return StoredFrame(0, 0.0, name, rig, cloud, kept, complex_, signals, response)
+
+
+def _filter_record(frame: StoredFrame) -> dict[str, Any]:
+    hidden = int((~frame.signals.vertex_ok).sum())
+    message = f"{hidden} of {len(frame.cloud)} vertices are outside the image or behind the camera and have no signal"
+    sizes = {"n": len(frame.cloud), "edges": len(frame.complex_.edges), "faces": len(frame.complex_.faces)}
+    return {
+        "status": "complete",
+        "source": frame.name,
+        "frames": 1,
+        "complex": sizes | {"euler": frame.complex_.euler},
+        "defined": int(frame.response.defined.sum()),
+        "warnings": [{"code": "unseen_vertices", "message": message}] if hidden else [],
+        "versions": versions(),
+    }
