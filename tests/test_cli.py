@@ -161,14 +161,15 @@ def test_an_output_that_cannot_be_written_is_code_5(capsys, pair_files):
     assert "left.png" in line
 
 
-def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files):
+@pytest.mark.parametrize("fresh", [False, True], ids=["results", "kernels"])
+def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files, fresh):
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000));"
         "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "from tspslam import cli; sys.exit(cli._exit_code(sys.argv[1:]))"
     )
     words = ["run", "left.png", "right.png", "--calib", "calib.yaml", "--out", "out"]
-    environment = os.environ | {"NUMBA_DISABLE_CACHING": "1"}
+    environment = os.environ | ({"NUMBA_CACHE_DIR": str(pair_files / "cache")} if fresh else {})
     done = subprocess.run(
         [sys.executable, "-c", script, *words], cwd=pair_files, capture_output=True, text=True, env=environment
     )
@@ -176,6 +177,7 @@ def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files):
     assert "Traceback" not in done.stderr
     left = [p.name for p in (pair_files / "out").rglob("*") if p.is_file()]
     assert not any("tmp" in name or name.endswith(".npz") for name in left)
+    assert len([line for line in done.stderr.splitlines() if not line.startswith("compiling")]) == 1
 
 
 @pytest.mark.parametrize(("spoil", "message"), [
@@ -204,6 +206,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "a.png", "b.png"], "--calib"),
     (["run", "a", "b", "c"], "3 paths"),
     (["run", "--calib", "x.yaml"], "--calib"),
+    (["run", "--detector", "surf"], "'surf', expected orb"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),

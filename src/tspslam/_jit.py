@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -61,9 +60,8 @@ def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:
         return numba.njit(**options)(function)
 
 
-def kernels_are_cached(module_file: str) -> bool:
-    """Whether an earlier process left compiled kernels of `module_file` on disk."""
-    stem = Path(module_file).stem
-    configured = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(configured) if configured else Path(module_file).parent / "__pycache__"
-    return next(folder.rglob(f"{stem}.*.nbi"), None) is not None
+def is_cached(compiled: Any) -> bool:
+    """Whether an earlier process left a kernel of this module on disk, in whichever folder numba chose."""
+    folder = getattr(getattr(compiled, "_cache", None), "cache_path", None)
+    module = compiled.__module__.rpartition(".")[2]
+    return folder is not None and next(Path(folder).glob(f"{module}.*.nbi"), None) is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import sys
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 COMPLETE, INTERNAL, USAGE, BAD_INPUT, DEGRADED, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}  # also met by compiled kernels on their way to disk
 _UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it
 
 app = typer.Typer(
@@ -44,6 +46,7 @@ def run_command(
     calib: Annotated[Path | None, typer.Option(help="Calibration file of a pair.")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
+    detector: Annotated[str, typer.Option(help="Keypoint detector: orb.")] = "orb",
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -53,6 +56,8 @@ def run_command(
     from . import config as configuration
     from . import pipeline
 
+    if detector != "orb":
+        raise typer.BadParameter(f"{detector!r}, expected orb", param_hint="--detector")
     resolved = configuration.resolve(preset, config, assignments or [])
     pairs = _open_source(source or [], calib)
     wanted = _frame_range(frames, len(pairs))
@@ -166,7 +171,7 @@ def _run(arguments: list[str]) -> int:
 def _code_of(error: Exception) -> int:
     if isinstance(error, _UsageError):
         return USAGE
-    if isinstance(error, OutputError):
+    if isinstance(error, OutputError) or (isinstance(error, OSError) and error.errno in _NO_ROOM):
         return NOT_WRITTEN
     return BAD_INPUT if isinstance(error, InputError) else INTERNAL
 
@@ -175,7 +180,7 @@ def _line(error: Exception) -> str:
     if isinstance(error, _UsageError):
         return f"{error.format_message()} (see tspslam --help)"  # type: ignore[attr-defined]
     text = " ".join(str(error).split())
-    if isinstance(error, TspSlamError):
+    if isinstance(error, TspSlamError) or _code_of(error) == NOT_WRITTEN:
         return text
     return f"internal error: {type(error).__name__}: {text} (--debug shows where)"
 
@@ -218,10 +223,10 @@ def _frame_range(text: str | None, count: int) -> range:
 
 
 def _announce_compilation() -> None:
-    from . import _jit
-    from .topology import harmonic
+    from ._jit import is_cached
+    from .topology._harmonics import filter_one_ring
 
-    if not _jit.kernels_are_cached(str(Path(harmonic.__file__).with_name("_harmonics.py"))):
+    if not is_cached(filter_one_ring):
         typer.echo("compiling kernels (once on this machine, up to a minute) ...", err=True)
 
 
