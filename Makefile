@@ -13,10 +13,11 @@ test: $(READY_DEV)  ## every check and every test
 	$(MAKE) check
 	$(BIN)/python -m pytest -n 2
 
-check: $(READY_DEV)
+check: $(READY_DEV)  ## format, lint, strict types, import arrows
 	$(BIN)/ruff format --check src tests benchmarks examples docs
 	$(BIN)/ruff check src tests benchmarks examples docs
 	$(BIN)/mypy
+	$(BIN)/python -m pytest -q tests/test_house.py
 
 bench: $(READY_DEV)  ## figures against named references, beside the committed baseline
 	$(BIN)/python -m benchmarks

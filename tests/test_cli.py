@@ -180,6 +180,20 @@ def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files, fresh):
     assert len([line for line in done.stderr.splitlines() if not line.startswith("compiling")]) == 1
 
 
+def one_row(folder):
+    for side in ("left", "right"):
+        Image.fromarray(np.random.default_rng(0).integers(0, 256, (1, 300), np.uint8)).save(folder / f"{side}.png")
+    text = (folder / "calib.yaml").read_text()
+    (folder / "calib.yaml").write_text(text.replace("height: 200", "height: 1"))
+
+
+def one_spot(folder):
+    for side, u in (("left", 150), ("right", 140)):
+        image = np.zeros((200, 300), np.uint8)
+        image[100, u] = 255
+        Image.fromarray(image).save(folder / f"{side}.png")
+
+
 @pytest.mark.parametrize(("spoil", "message"), [
     (lambda p: (p / "left.png").unlink(), "left.png"),
     (lambda p: (p / "left.png").write_bytes(b""), "empty"),
@@ -189,6 +203,8 @@ def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files, fresh):
     (lambda p: Image.new("I;16", (300, 200)).save(p / "right.png"), "in colour, right"),
     (lambda p: [Image.new("L", (300, 200), 99).save(p / f"{s}.png") for s in ("left", "right")], "keypoint"),
     (lambda p: (p / "calib.yaml").write_text("fx: 500\n"), "calib.yaml"),
+    (lambda p: one_row(p), "keypoint"),
+    (lambda p: one_spot(p), "keypoint"),
 ])  # fmt: skip
 def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     spoil(pair_files)

@@ -52,7 +52,10 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         seen = f"{pixels.shape[1]}x{pixels.shape[0]}"
         raise InputError(f"{image}: is {seen} px, expected {rig.width}x{rig.height} as {calibration} says")
     xyz, faces = read_mesh(mesh)
-    frame = _filtered(xyz, faces, pixels, rig, stage, mesh.stem)
+    try:
+        frame = _filtered(xyz, faces, pixels, rig, stage, mesh.stem)
+    except InputError as error:
+        raise InputError(f"{mesh}: {error}") from error
     given = [array_hash(values) for values in (pixels, xyz, faces)]
     settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
     with RunFolder.create(out, settings) as folder:
@@ -75,9 +78,7 @@ def _filtered(
     signals = sample_signals(pixels, uv, complex_)
     seen = signals.vertex_ok
     if not seen.any():
-        raise InputError(
-            f"{name}: none of {len(xyz)} vertices falls into the image, expected the camera's frame, metres"
-        )
+        raise InputError(f"none of {len(xyz)} vertices falls into the image, expected the camera's frame, metres")
     response = stage(complex_, uv, signals)
     depth = np.where(seen, xyz[:, 2], 1.0)
     disparity = np.where(seen, rig.fx * rig.baseline / depth - rig.doffs, 0.0)
