@@ -225,3 +225,12 @@ def test_arrays_of_another_complex_are_named():
         tmahf(build_complex([[0, 2, 3], [0, 1, 2], [1, 2, 4]], 5), uv[:5], signals)
     with pytest.raises(InputError, match="vertex 4 has a signal, but its value or position is not finite"):
         tmahf(complex_, np.where(np.arange(40)[:, None] == 4, np.nan, uv), signals)
+
+
+@pytest.mark.parametrize("name", ["vertex_ok", "edge_ok", "face_ok", "edge_uv", "face_uv"])
+def test_signals_whose_arrays_disagree_are_named(name):
+    from dataclasses import replace
+
+    complex_, uv, signals = scene()
+    with pytest.raises(InputError, match=f"signals.{name} has shape"):
+        tmahf(complex_, uv, replace(signals, **{name: getattr(signals, name)[:2]}))

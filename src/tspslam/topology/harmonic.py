@@ -182,7 +182,18 @@ def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> Float
     expected = (complex_.n, len(complex_.edges), len(complex_.faces))
     if sizes != expected:
         raise InputError(f"tmahf: signals are on {sizes} vertices, edges, faces, expected {expected}")
+    tail = signals.vertex.shape[1:]
+    for name, count in zip(("vertex", "edge", "face"), expected, strict=True):
+        _require_shape(f"{name}", getattr(signals, name), (count, *tail))
+        _require_shape(f"{name}_ok", getattr(signals, f"{name}_ok"), (count,))
+    _require_shape("edge_uv", signals.edge_uv, (expected[1], 2))
+    _require_shape("face_uv", signals.face_uv, (expected[2], 2))
     return points
+
+
+def _require_shape(name: str, values: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if values.shape != shape:
+        raise InputError(f"tmahf: signals.{name} has shape {values.shape}, expected {shape}")
 
 
 def _weights_by_distance(weight: Weight, n: int) -> FloatArray:
