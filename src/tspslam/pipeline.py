@@ -111,8 +111,7 @@ def run(
     started = time.perf_counter()
     wanted = frames if frames is not None else range(len(source))
     with RunFolder.create(out, resolved.nested) as folder:
-        done, skipped = _process_all(source, wanted, Session(source.rig, resolved.settings), folder, progress)
-        shown = source[done[0]["index"]]
+        shown, done, skipped = _process_all(source, wanted, Session(source.rig, resolved.settings), folder, progress)
         unpaired = getattr(source, "unpaired", [])
         record = run_record(source.name, unpaired, done, skipped, resolved.nested, shown.name)
         _write_results(folder, shown, record, done)
@@ -124,23 +123,27 @@ def run(
 
 def _process_all(
     source: Source, wanted: range, session: Session, folder: RunFolder, progress: Progress | None
-) -> tuple[list[Summary], list[Warning_]]:
+) -> tuple[StereoPair, list[Summary], list[Warning_]]:
+    """The first pair that can be used, a summary of each, and what was skipped."""
+    first: StereoPair | None = None
     done: list[Summary] = []
     skipped: list[Warning_] = []
     last: InputError | None = None
     for count, index in enumerate(wanted, 1):
         try:
-            done.append(_process_one(source[index], session, folder))
+            pair = source[index]
+            done.append(_process_one(pair, session, folder))
+            first = first or pair
         except InputError as error:
             last = error
             skipped.append({"code": "frame_skipped", "message": f"frame {index}: {error}"})
         if progress:
             progress(count, len(wanted), f"frame {index}")
-    if not done:
+    if first is None:
         if last and len(wanted) == 1:
             raise last
         raise InputError(f"{source.name}: none of {len(wanted)} pairs can be used; the last: {last}")
-    return done, skipped
+    return first, done, skipped
 
 
 def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summary:
@@ -151,7 +154,7 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summa
         stored: Summary = json.loads(summary_path.read_text(encoding="utf-8"))
         return stored | {"seconds": {}}
     frame = session.process(pair)
-    summary = frame_summary(frame)
+    summary = frame_summary(frame, key)
     write_frame(path, frame)
     write_bytes(summary_path, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     folder.record(path, input_hash=key)
@@ -161,10 +164,10 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summa
 
 def _write_results(folder: RunFolder, pair: StereoPair, record: dict[str, Any], done: list[Summary]) -> None:
     """Trajectory, map, pictures and report of the first frame; the report comes last, so its line says all is there."""
-    stored = read_frame(folder.frame_path(pair.index))
     key = hash_of([record, folder.units[f"frames/{pair.index:06d}.npz"].sha256])
     if _is_finished(folder, key):
         return
+    stored = read_frame(folder.frame_path(pair.index))
     folder.write_trajectory([done[0]["stamp"]], np.eye(4)[None])
     write_maps(folder.map_vtu_path, folder.map_ply_path, stored)
     draw(folder, shown_of(pair.left, stored), record, key)
@@ -175,7 +178,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
     return "report.html" in names and all(folder.is_done(folder.path / name, input_hash=key) for name in names)
 
 
-def draw(folder: RunFolder, shown: Shown, record: dict[str, Any], key: str) -> None:
+def draw(folder: RunFolder, shown: ImagedFrame, record: dict[str, Any], key: str) -> None:
     """Draw pictures and report, and note them and the maps as finished from input `key`."""
     from .view import pictures, report
 
@@ -186,7 +189,7 @@ def draw(folder: RunFolder, shown: Shown, record: dict[str, Any], key: str) -> N
 
 
 @dataclass(frozen=True)
-class Shown:
+class ImagedFrame:
     """A frame with its image, as pictures and report need it."""
 
     name: str
@@ -198,6 +201,6 @@ class Shown:
     response: Response
 
 
-def shown_of(image: Image, frame: StoredFrame) -> Shown:
+def shown_of(image: Image, frame: StoredFrame) -> ImagedFrame:
     """A stored frame with the image it was made from."""
-    return Shown(frame.name, image, frame.cloud, frame.surface, frame.complex_, frame.signals, frame.response)
+    return ImagedFrame(frame.name, image, frame.cloud, frame.surface, frame.complex_, frame.signals, frame.response)

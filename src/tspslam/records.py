@@ -21,12 +21,12 @@ Summary = dict[str, Any]
 Warning_ = dict[str, str]
 
 
-def frame_summary(frame: Frame) -> Summary:
+def frame_summary(frame: Frame, input_hash: str) -> Summary:
     """What one frame gave, in numbers; the same frame always gives the same."""
     quality = frame.quality
     return {
         "index": frame.index,
-        "input_hash": pair_hash(frame.pair),
+        "input_hash": input_hash,
         "name": frame.name,
         "stamp": frame.stamp,
         "points": len(frame.cloud),

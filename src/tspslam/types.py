@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,23 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32] | NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
+
+REC601 = np.array([0.299, 0.587, 0.114])
+"""Luminance weights of R, G, B."""
+
+UNIT_OF = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}
+"""What makes pixels of an integer type luminance in [0, 1]."""
+
+
+def phase_of(z: NDArray[np.complex128]) -> FloatArray:
+    """``arg z`` in (-π, π], rad: -π is mapped to π."""
+    angle = np.angle(z)
+    return np.where(angle == -np.pi, np.pi, angle)
+
+
+def one_channel(values: NDArray[Any]) -> NDArray[Any]:
+    """Mean over the channels of an (n,) or (n, C) signal or response, (n,)."""
+    return values if values.ndim == 1 else values.mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -66,11 +84,12 @@ class Rig:
             value = getattr(self, field.name)
             if not math.isfinite(value):
                 raise InputError(f"rig: {field.name} is {value}, expected a finite number")
-            if field.name in _POSITIVE and value <= 0:
+            if field.name in POSITIVE and value <= 0:
                 raise InputError(f"rig: {field.name} is {value}, expected a positive number")
 
 
-_POSITIVE = frozenset({"fx", "fy", "baseline", "width", "height"})
+POSITIVE = frozenset({"fx", "fy", "baseline", "width", "height"})
+"""Fields of a `Rig` that must be positive."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +192,8 @@ class Signals:
     edge_uv, face_uv : (E, 2), (F, 2) float64
         Barycentres of the pixels behind each value, px; 0 where there is no signal.
     edge_pixels, face_pixels : (E,), (F,) int32
-        How many pixels each mean has; 0 where a bilinear sample stands in or there is no signal.
+        How many pixels each element has; 0 without a signal. An edge of 1 and a face of 0 pixels carry a bilinear
+        sample instead of a mean.
     vertex_ok, edge_ok, face_ok : (n,) bool
         False where there is no signal.
     """
@@ -216,5 +236,4 @@ class Response:
     @property
     def phase(self) -> FloatArray:
         """``arg z`` in (-π, π], same shape as ``z``, rad; grows clockwise on the screen."""
-        angle = np.angle(self.z)
-        return np.where(angle == -np.pi, np.pi, angle)
+        return phase_of(self.z)

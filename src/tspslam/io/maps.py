@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import FloatArray, Response
+from ..types import FloatArray, Response, one_channel
 from .frames import FrameLike
 from .ply import write_ply
 from .vtu import write_vtu
@@ -59,14 +59,14 @@ def write_map_ply(path: Path, frame: FrameLike) -> None:
     OutputError
         If the file cannot be written.
     """
-    grey = np.round(255 * np.clip(_mean(frame.signals.vertex), 0, 1)).astype(np.uint8)
+    grey = np.round(255 * np.clip(one_channel(frame.signals.vertex), 0, 1)).astype(np.uint8)
     vertex = dict.fromkeys(("red", "green", "blue"), grey) | _vertex(frame)
     face = _level(frame.signals.face, frame.signals.face_ok)
     write_ply(path, frame.cloud.xyz, frame.surface.faces, vertex=vertex, face=face)
 
 
 def _vertex(frame: FrameLike) -> Columns:
-    z = frame.response.z if frame.response.z.ndim == 1 else frame.response.z.mean(axis=1)
+    z = one_channel(frame.response.z)
     response = Response(z, frame.response.order, frame.response.defined)
     return _level(frame.signals.vertex, frame.signals.vertex_ok) | {
         "depth": frame.cloud.xyz[:, 2],
@@ -79,8 +79,4 @@ def _vertex(frame: FrameLike) -> Columns:
 
 
 def _level(values: FloatArray, ok: NDArray[np.bool_]) -> Columns:
-    return {"luminance": _mean(values), "ok": ok.astype(np.uint8)}
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    return values if values.ndim == 1 else values.mean(axis=1)
+    return {"luminance": one_channel(values), "ok": ok.astype(np.uint8)}

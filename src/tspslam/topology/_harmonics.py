@@ -142,7 +142,7 @@ def _append(elements, e, weight, u, v, shift, count, x, y, s, w):  # type: ignor
 def fetch(visit, first, start, rows, elements, z):  # type: ignore[no-untyped-def]
     """Bring near what the coming blocks of vertices need: their rows, then the elements that these name."""
     last = min(first + BLOCK, visit.shape[0])
-    for r in range(min(first + BLOCK, last), min(first + 2 * BLOCK, visit.shape[0])):
+    for r in range(last, min(first + 2 * BLOCK, visit.shape[0])):
         prefetch(rows, start[visit[r]])
         prefetch(rows, start[visit[r]] + 16)
         prefetch(z, visit[r])
@@ -152,8 +152,8 @@ def fetch(visit, first, start, rows, elements, z):  # type: ignore[no-untyped-de
 
 
 @reassociated_kernel
-def filter_one_ring(visit, is_far, start, rows, elements, order, centering, weight, z, defined):  # type: ignore[no-untyped-def]
-    """T-MAHF with one weight for every element of the one-ring; `rows` index the packed elements."""
+def filter_one_ring(visit, is_far, start, rows, elements, order, centering, z, defined):  # type: ignore[no-untyped-def]
+    """T-MAHF over the one-ring, eq. (17); `rows` index the packed elements."""
     x, y, s, w = _scratch(_longest_row(start))
     for r in range(visit.shape[0]):
         if is_far and r % BLOCK == 0:
@@ -165,7 +165,7 @@ def filter_one_ring(visit, is_far, start, rows, elements, order, centering, weig
         shift = 0.0 if centering == NONE else own
         count = 0
         for p in range(start[i], start[i + 1]):
-            _append(elements, rows[p], weight, u, v, shift, count, x, y, s, w)
+            _append(elements, rows[p], 1.0, u, v, shift, count, x, y, s, w)
             count += 1
         a, b, defined[i] = _respond(order, centering, own, count, x, y, s, w)
         z[i] = complex(a, b)

@@ -110,7 +110,7 @@ def may_repeat_faces(faces, start, ends, slots):  # type: ignore[no-untyped-def]
 
 @kernel
 def vertex_neighbours(n, edges):  # type: ignore[no-untyped-def]
-    """CSR rows of adjacent vertices, ascending, and of the edges that lead to them."""
+    """CSR rows of adjacent vertices, ascending."""
     start = np.zeros(n + 1, np.int32)
     for e in range(edges.shape[0]):
         start[edges[e, 0] + 1] += 1

@@ -161,7 +161,7 @@ def _crossing(x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 @inlined
 def _sum_rows(table, low, high, left, right):  # type: ignore[no-untyped-def]
-    """Sums over the pixels of rows low..high between two lines: of the image, u, v and 1."""
+    """Sums over the pixels of rows low..high between two lines: of the image, 2u, v and 1."""
     total = 0.0
     sum_u, sum_v, count = 0, 0, 0
     for row in range(low, high + 1):

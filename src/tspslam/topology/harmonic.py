@@ -126,7 +126,7 @@ def _filter(
     if rings is None:
         start, rows = complex_.stars
         is_far, visit = _locality.visits(elements[: complex_.n, :2])
-        _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, 1.0, z, defined)
+        _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, z, defined)
     else:
         near = (complex_.vertex_rows, complex_.face_rows, complex_.face_edges)
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)
@@ -184,7 +184,7 @@ def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> Float
         raise InputError(f"tmahf: signals are on {sizes} vertices, edges, faces, expected {expected}")
     tail = signals.vertex.shape[1:]
     for name, count in zip(("vertex", "edge", "face"), expected, strict=True):
-        _require_shape(f"{name}", getattr(signals, name), (count, *tail))
+        _require_shape(name, getattr(signals, name), (count, *tail))
         _require_shape(f"{name}_ok", getattr(signals, f"{name}_ok"), (count,))
     _require_shape("edge_uv", signals.edge_uv, (expected[1], 2))
     _require_shape("face_uv", signals.face_uv, (expected[2], 2))

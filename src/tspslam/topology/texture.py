@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import FloatArray, Signals
+from ..types import REC601, UNIT_OF, FloatArray, Signals
 from .complex import Complex
 
-REC601 = np.array([0.299, 0.587, 0.114])  # luminance weights of R, G, B
-_UNIT = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}
 _WIDEST_EXACT = 32767  # a row of 16-bit pixels of this length still sums within int32
 
 Channels = Literal["luminance", "all"]
@@ -147,8 +145,8 @@ def _checked_unit(image: NDArray[Any]) -> float:
     if not isinstance(image, np.ndarray) or image.ndim not in (2, 3) or image.size == 0:
         shape = getattr(image, "shape", type(image).__name__)
         raise InputError(f"image: shape is {shape}, expected (H, W) or (H, W, C), not empty")
-    if image.dtype in _UNIT:
-        return _UNIT[image.dtype]
+    if image.dtype in UNIT_OF:
+        return UNIT_OF[image.dtype]
     if image.dtype not in (np.float32, np.float64):
         raise InputError(f"image: type is {image.dtype}, expected uint8, uint16, or float in [0, 1]")
     if not np.isfinite(image).all():

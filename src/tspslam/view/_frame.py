@@ -10,7 +10,19 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..topology.complex import Complex
-from ..types import BoolArray, Cloud, FloatArray, Image, Response, Signals, Surface
+from ..types import (
+    REC601,
+    UNIT_OF,
+    BoolArray,
+    Cloud,
+    FloatArray,
+    Image,
+    Response,
+    Signals,
+    Surface,
+    one_channel,
+    phase_of,
+)
 
 LIGHTNESS, CHROMA = 0.74, 0.125  # of the phase circle in OKLCh: vivid, and inside sRGB at every hue
 CLIP_PERCENT = (1.0, 99.0)
@@ -92,16 +104,11 @@ def check_frame(frame: FrameView) -> None:
 
 def grey(image: Image) -> FloatArray:
     """Luminance of an image for display, (H, W) in [0, 1]; values that are not finite become 0."""
-    unit = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}.get(image.dtype, 1.0)
+    unit = UNIT_OF.get(image.dtype, 1.0)
     levels = np.nan_to_num(image.astype(np.float64) * unit, nan=0.0, posinf=1.0, neginf=0.0)
     if levels.ndim == 3:
-        levels = levels[..., 0] if levels.shape[2] == 1 else levels[..., :3] @ [0.299, 0.587, 0.114]
+        levels = levels[..., 0] if levels.shape[2] == 1 else levels[..., :3] @ REC601
     return np.clip(levels, 0, 1)
-
-
-def one_channel(signal: FloatArray) -> FloatArray:
-    """Take the mean over the channels of an (n,) or (n, C) signal, (n,)."""
-    return signal if signal.ndim == 1 else signal.mean(axis=1)
 
 
 def is_colour(signal: FloatArray) -> bool:
@@ -126,7 +133,7 @@ def log_magnitude(frame: FrameView) -> tuple[Shown, int]:
 
     The filter is linear, so the mean over channels is the response to the mean signal.
     """
-    magnitude = np.abs(_response(frame))
+    magnitude = np.abs(one_channel(frame.response.z))
     defined = frame.response.defined & np.isfinite(magnitude)
     ok = defined & (magnitude > 0)
     return Shown(np.log10(np.where(ok, magnitude, 1.0)), ok), int((defined & (magnitude == 0)).sum())
@@ -134,19 +141,9 @@ def log_magnitude(frame: FrameView) -> tuple[Shown, int]:
 
 def phase(frame: FrameView) -> Shown:
     """``arg r`` of each vertex where r is defined and not 0, in (-π, π], rad."""
-    z = _response(frame)
+    z = one_channel(frame.response.z)
     ok = frame.response.defined & np.isfinite(z) & (z != 0)
-    return Shown(_angle(np.where(ok, z, 1.0)), ok)
-
-
-def _response(frame: FrameView) -> NDArray[np.complex128]:
-    z = frame.response.z
-    return z if z.ndim == 1 else z.mean(axis=1)
-
-
-def _angle(z: NDArray[np.complex128]) -> FloatArray:
-    angle = np.angle(z)
-    return np.where(angle == -np.pi, np.pi, angle)
+    return Shown(phase_of(np.where(ok, z, 1.0)), ok)
 
 
 def on_faces(faces: NDArray[np.int32], at_vertices: Shown) -> Shown:
@@ -161,7 +158,7 @@ def phase_on_faces(faces: NDArray[np.int32], at_vertices: Shown) -> Shown:
     units = np.where(at_vertices.ok, np.exp(1j * at_vertices.values), 0.0)
     total = units[faces].sum(axis=1)
     ok = np.abs(total) > 1e-9
-    return Shown(np.where(ok, _angle(total), 0.0), ok)
+    return Shown(np.where(ok, phase_of(total), 0.0), ok)
 
 
 def limits(values: FloatArray, low: float = 1.0, high: float = 99.0) -> tuple[float, float]:

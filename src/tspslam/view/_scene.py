@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from ..types import BoolArray, FloatArray
+from ..types import BoolArray, FloatArray, one_channel
 from ._frame import (
     FrameView,
     Shown,
@@ -19,7 +19,6 @@ from ._frame import (
     log_magnitude,
     log_steps,
     on_faces,
-    one_channel,
     phase,
     phase_colours,
     phase_on_faces,
@@ -30,7 +29,12 @@ MOST_FACES, MOST_EDGES = 150_000, 60_000  # beyond these a browser crawls: every
 GREYS = [[0.0, "#101215"], [1.0, "#ffffff"]]
 BARE, INK, GRID = "#8d97a3", "#7d8894", "#a9b3bd"  # legible on a light and on a dark page
 CENTRE = {"x": 0.0, "y": 0.0, "z": -0.15}
-LIGHTING = {"ambient": 0.74, "diffuse": 0.34, "specular": 0.0, "roughness": 1.0, "fresnel": 0.0} | {
+LIGHTING = {
+    "ambient": 0.74,
+    "diffuse": 0.34,
+    "specular": 0.0,
+    "roughness": 1.0,
+    "fresnel": 0.0,
     "facenormalsepsilon": 0.0,
     "vertexnormalsepsilon": 0.0,
 }

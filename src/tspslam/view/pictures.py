@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from .._atomic import make_folder, write_bytes
-from ..types import BoolArray, FloatArray
+from ..types import BoolArray, FloatArray, one_channel
 from . import _solid as solid
 from . import _style as style
 from ._frame import (
@@ -26,7 +26,6 @@ from ._frame import (
     limits,
     log_magnitude,
     on_faces,
-    one_channel,
     phase,
     phase_on_faces,
     projected,

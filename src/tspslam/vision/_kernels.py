@@ -170,7 +170,7 @@ def peak_and_rival(scores: Float32) -> tuple[int, np.float32, np.float32]:
 
 @kernel
 def search_rows(
-    image: Float32, other: Float32, xy: Int64, shift: Int64, radius: Int64, contrast: float, found: Float64
+    image: Float32, other: Float32, xy: Int64, shift: Int64, radius: int, contrast: float, found: Float64
 ) -> None:
     """Search the other image's row for the window around each pixel.
 
@@ -182,7 +182,7 @@ def search_rows(
         Window centres, px.
     shift : (N, 2) int64
         First and last displacement x_other - x to try, px.
-    radius : (N,) int64
+    radius : int
         Half width of each window, px.
     contrast : float
         Of the support weights, per grey level.
@@ -191,11 +191,11 @@ def search_rows(
         all of the range leaves the image.
     """
     height, width = image.shape
-    widest = 2 * radius.max() + 1
+    widest = 2 * radius + 1
     weight = np.empty((widest, widest), np.float32)
     scratch = np.empty(3 * width, np.float32)
     for i in range(xy.shape[0]):
-        x, y, r = xy[i, 0], xy[i, 1], radius[i]
+        x, y, r = xy[i, 0], xy[i, 1], radius
         begin = max(x + shift[i, 0], r)
         count = min(x + shift[i, 1], width - 1 - r) - begin + 1
         found[i, 0] = 0
@@ -238,7 +238,7 @@ def moments(
 ) -> Moments:
     """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a window; r is interpolated, g the mean gradient."""
     side = 2 * radius + 1
-    zero, half = np.float32(0), np.float32(0.25)  # half: of two central differences, averaged
+    zero, quarter = np.float32(0), np.float32(0.25)  # half of two central differences, averaged
     ml, mr, mg, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
     t0, t1, t2, t3, t4, t5 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5]
     for dy in range(side):
@@ -250,7 +250,7 @@ def moments(
             )
         for k in range(side):
             w, lv, rv = weight[dy, k], here[k + 1], strip[k + 1]
-            gv = half * (strip[k + 2] - strip[k] + here[k + 2] - here[k])
+            gv = quarter * (strip[k + 2] - strip[k] + here[k + 2] - here[k])
             wl, wr, wg = w * lv, w * rv, w * gv
             ml += wl
             mr += wr
@@ -314,7 +314,7 @@ def align_one(
 
 @kernel
 def align_rows(
-    image: Float32, other: Float32, xy: Int64, start: Float64, radius: Int64, contrast: float, found: Float64
+    image: Float32, other: Float32, xy: Int64, start: Float64, radius: int, contrast: float, found: Float64
 ) -> None:
     """Refine displacements along rows to a fraction of a pixel.
 
@@ -322,12 +322,12 @@ def align_rows(
     within 2 px of its start (0 elsewhere). Other parameters as in `search_rows`.
     """
     height, width = image.shape
-    widest = 2 * radius.max() + 1
+    widest = 2 * radius + 1
     weight = np.empty((widest, widest), np.float32)
     strip = np.empty(widest + 2, np.float32)
     taps = np.empty(6, np.float32)
     for i in range(xy.shape[0]):
-        x, y, r = xy[i, 0], xy[i, 1], radius[i]
+        x, y, r = xy[i, 0], xy[i, 1], radius
         found[i, :] = 0
         if x <= r or x >= width - r - 1 or y < r or y >= height - r:
             continue

@@ -12,14 +12,13 @@ from typing import Any
 import yaml
 
 from ..errors import InputError
-from ..types import Rig
+from ..types import POSITIVE, Rig
 
 LARGEST_FILE = 1 << 20  # bytes
 _REQUIRED = ("fx", "fy", "cx", "cy", "baseline", "width", "height")
 _OPTIONAL = ("skew", "doffs")
 _RAW = ("left", "right", "T_right_left")
 _COUNTS = frozenset({"width", "height"})
-_POSITIVE = frozenset({"fx", "fy", "baseline", "width", "height"})
 _LARGEST_COUNT = 1_000_000
 
 
@@ -150,7 +149,7 @@ def _check_keys(path: str | os.PathLike[str], mapping: dict[Any, Any]) -> None:
 
 def _number(path: str | os.PathLike[str], key: str, value: Any) -> float | int:
     place = f"{Path(path)}: {key} is"
-    wanted = "a positive whole number" if key in _COUNTS else "a positive number" if key in _POSITIVE else "a number"
+    wanted = "a positive whole number" if key in _COUNTS else "a positive number" if key in POSITIVE else "a number"
     shown = " ".join(repr(value).split())[:60]
     if isinstance(value, str) and _reads_as_number(value):
         raise InputError(f"{place} the text {shown}, expected {wanted} (in YAML 1e5 is text: write 1.0e+5, no quotes)")
@@ -158,7 +157,7 @@ def _number(path: str | os.PathLike[str], key: str, value: Any) -> float | int:
         raise InputError(f"{place} {shown}, expected {wanted}")
     if key in _COUNTS and (not isinstance(value, int) or value > _LARGEST_COUNT):
         raise InputError(f"{place} {shown}, expected {wanted} of at most {_LARGEST_COUNT}")
-    if abs(value) > 1e300 or not math.isfinite(value) or (key in _POSITIVE and value <= 0):
+    if abs(value) > 1e300 or not math.isfinite(value) or (key in POSITIVE and value <= 0):
         raise InputError(f"{place} {shown}, expected {wanted}, finite")
     return value if key in _COUNTS else float(value)
 

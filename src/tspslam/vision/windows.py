@@ -165,10 +165,9 @@ def search(
 
     xy = np.rint(uv).astype(np.int64)
     shift = np.column_stack([-np.ceil(ranges[1]), -np.floor(ranges[0])]).astype(np.int64)
-    radius = np.full(len(xy), windows.radius)
     found = np.empty((len(xy), 3))
     in_halves(
-        lambda part: search_rows(first, second, xy[part], shift[part], radius[part], windows.contrast, found[part]),
+        lambda part: search_rows(first, second, xy[part], shift[part], windows.radius, windows.contrast, found[part]),
         len(xy),
     )
     return -found[:, 0], found[:, 1], found[:, 2]
@@ -199,10 +198,9 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, windo
     from ._kernels import align_rows
 
     xy = np.rint(uv).astype(np.int64)
-    radius = np.full(len(xy), windows.radius)
     found = np.empty((len(xy), 4))
     in_halves(
-        lambda part: align_rows(first, second, xy[part], -start[part], radius[part], windows.contrast, found[part]),
+        lambda part: align_rows(first, second, xy[part], -start[part], windows.radius, windows.contrast, found[part]),
         len(xy),
     )
     return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
