@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from tspslam import cli
+from tspslam.config import resolve
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
 
 
@@ -238,6 +239,16 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "--set", "detector.cuont=3"], "did you mean detector.count?"),
     (["run", "--set", "detector.count=many"], "'many', expected an integer"),
     (["run", "--set", "count"], "expected key=value"),
+    (["run", "--set", "filter.order=2020-01-01"], "'2020-01-01', expected an integer"),
+    (["run", "--set", "filter.order=" + "9" * 5000], "not plain YAML"),
+    (["run", "--set", "filter.order=" + "9" * 30], "a number too large, expected an integer"),
+    (["run", "--set", "surface.min_angle=" + "9" * 400], "a number too large, expected a number"),
+    (["run", "--set", "filter.order=" + "[" * 3000], "too many levels"),
+    (["run", "--set", "filter.order=2000000"], "--set: tmahf: order is 2000000, expected an integer from 0 to 1000"),
+    (["run", "--set", "surface.min_angle=90"], "min_angle is 90.0, expected 0 to 60"),
+    (["run", "--set", "surface.significance=.nan"], "significance is nan"),
+    (["run", "--set", "matcher.max_disparity=-50"], "max_disparity is -50 px, expected more than -31.086"),
+    (["run", "--config", "/dev/zero"], "not a regular file"),
     (["run", "--preset", "best"], "expected one of default, paper"),
     (["run", "--config", "missing.yaml"], "missing.yaml"),
     (["run", "no-such-folder"], "no-such-folder"),
@@ -272,7 +283,8 @@ def test_config_show_says_where_each_value_came_from(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("a: &x 1\nb: *x\n", "alias or a tag"), ("- 1\n", "mapping of stages"), ("a: [", "not plain YAML"),
+    ("a: &x 1\nb: *x\n", "anchors and aliases"), ("a: &x 1\n", "anchors and aliases"),
+    ("filter: {order: 1, order: 2}\n", "the key order is there twice"), ("- 1\n", "mapping of stages"), ("a: [", "not plain YAML"),
     ("filter: 3\n", "unknown setting 'filter'"), ("filter: {order: true}\n", "True, expected an integer"),
 ])  # fmt: skip
 def test_a_settings_file_that_is_wrong_is_named(capsys, tmp_path, text, message):
@@ -281,6 +293,18 @@ def test_a_settings_file_that_is_wrong_is_named(capsys, tmp_path, text, message)
     assert code == 3
     assert "my.yaml" in line
     assert message in line
+
+
+def test_values_that_depend_on_each_other_are_set_together(capsys):
+    words = ["--set", "matcher.min_disparity=50", "--set", "matcher.max_disparity=100"]
+    rows = json.loads(type_in(capsys, "config", "show", "--preset", "paper", *words, "--json")[1])
+    assert (rows["matcher.min_disparity"]["value"], rows["matcher.max_disparity"]["value"]) == (50, 100)
+
+
+def test_whole_and_broken_numbers_are_the_same_setting():
+    assert repr(resolve(assignments=["matcher.max_disparity=64"])) == repr(
+        resolve(assignments=["matcher.max_disparity=64.0"])
+    )
 
 
 def test_export_writes_a_frame_in_each_format(capsys, pair_files):
@@ -321,8 +345,19 @@ def test_filter_answers_on_a_mesh_and_a_posed_image(capsys, pair_files, small_pa
     assert result["complex"] == {"n": len(points), "edges": 271, "faces": len(faces), "euler": 3}
     assert result["defined"] == len(points) - 2
     assert "2 of 106 vertices are outside" in err
+    stored = read_frame(pair_files / "out/frames/000000.npz").cloud
+    assert np.isnan([*stored.uv[104], stored.disparity[104]]).all()
+    assert stored.uv[105, 0] > 1000  # outside the image, where it is
     assert read_vtu(pair_files / "out/map.vtu").point_data["ok"].tolist() == [1] * 104 + [0, 0]
     assert (pair_files / "out/report.html").exists()
+
+
+def test_a_vertex_in_the_lens_has_no_disparity(capsys, pair_files):
+    points = [[0, 0, 1e-310], [0.1, 0, 2], [0, 0.1, 2], [-0.1, 0, 2]]
+    write_ply(pair_files / "near.ply", points, [[0, 1, 2], [1, 2, 3]], vertex={}, face={})
+    words = ["--image", pair_files / "left.png", "--calib", pair_files / "calib.yaml", "--out", pair_files / "out"]
+    assert type_in(capsys, "filter", pair_files / "near.ply", *words)[0] == 0
+    assert np.isnan(read_frame(pair_files / "out/frames/000000.npz").cloud.disparity).tolist() == [True] + 3 * [False]
 
 
 def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
@@ -334,6 +369,9 @@ def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
     Image.new("L", (30, 20)).save(pair_files / "small.png")
     code, line = complain(capsys, *words, "--image", pair_files / "small.png")
     assert (code, "is 30x20 px, expected 300x200" in line) == (3, True)
+    write_ply(pair_files / "plane.ply", [[0, 0, 1], [1, 0, 1], [0, 1, 1e300]], [[0, 1, 2]], vertex={}, face={})
+    code, line = complain(capsys, *words, "--image", pair_files / "left.png")
+    assert (code, "vertex 2 is at [0.0, 1.0, 1e+300], expected metres, at most 1e+09" in line) == (3, True)
     code, line = complain(capsys, *words, "--image", pair_files / "left.png", "--order", "-1")
     assert (code, "order is -1" in line) == (3, True)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_files", "_jit", "types", "errors"}  # what any room may stand on
+GROUND = {"_atomic", "_files", "_jit", "_yaml", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
     "cli": {"filtering", "pipeline", "config", "datasets", "io", "view", "session", "topology"} | GROUND,
@@ -23,6 +23,7 @@ BELOW = {  # what each room may import, besides itself
     "topology": GROUND,
     "_atomic": {"_files", "errors"},
     "_files": {"errors"},
+    "_yaml": {"_files"},
     "types": {"errors"},
     "_jit": set(),
     "errors": set(),

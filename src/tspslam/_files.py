@@ -31,7 +31,7 @@ def reason_of(error: Exception) -> str:
     return said[:200] or type(error).__name__
 
 
-def open_input(path: PathLike, expected: str) -> BinaryIO:
+def open_input(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> BinaryIO:
     """Open a regular, non-empty file for reading; anything else (a folder, a pipe, a device) is an `InputError`."""
     try:
         status = os.stat(path)
@@ -41,16 +41,16 @@ def open_input(path: PathLike, expected: str) -> BinaryIO:
             raise bad_input(path, "is not a regular file", expected)
         if status.st_size == 0:
             raise bad_input(path, "is empty", expected)
-        if status.st_size > LARGEST_FILE:
-            raise bad_input(path, f"has {status.st_size} bytes", f"{expected} of at most {LARGEST_FILE} bytes")
+        if status.st_size > largest:
+            raise bad_input(path, f"has {status.st_size} bytes", f"{expected} of at most {largest} bytes")
         return open(path, "rb")
     except (OSError, ValueError) as error:
         raise bad_input(path, f"cannot be opened ({reason_of(error)})", expected) from error
 
 
-def read_bytes(path: PathLike, expected: str) -> bytes:
+def read_bytes(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a regular, non-empty file."""
-    with open_input(path, expected) as handle:
+    with open_input(path, expected, largest) as handle:
         try:
             return handle.read()
         except (OSError, MemoryError) as error:

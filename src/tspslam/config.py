@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -9,15 +10,15 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-import yaml
-
+from ._files import one_line
+from ._yaml import parse_yaml, read_yaml
 from .errors import InputError
 from .session import Settings
 from .topology.harmonic import Tmahf
 from .vision.reconstruct import PAPER_MATCHER
 
 PRESETS = ("default", "paper")
-_LARGEST = 1 << 20
+_TOO_LARGE = 1 << 63
 
 
 @dataclass(frozen=True)
@@ -64,24 +65,26 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     Raises
     ------
     InputError
-        If a name is unknown (the nearest one is suggested) or a value has the wrong type.
+        If a name is unknown (the nearest one is suggested), or a value has the wrong type or is out of its range.
 
     Examples
     --------
     >>> resolve(assignments=["filter.order=2"]).values["filter.order"]
     2
     """
-    settings = _preset(preset)
-    origin = dict.fromkeys(flatten(settings), "default")
+    start = _preset(preset)
+    values = flatten(start)
+    origin = dict.fromkeys(values, "default")
     if preset != "default":
         plain = flatten(Settings())
-        origin |= {name: f"preset {preset}" for name, value in flatten(settings).items() if value != plain[name]}
+        origin |= {name: f"preset {preset}" for name, value in values.items() if value != plain[name]}
+    kinds = _kinds(start)
     given = [(str(file), name, value) for name, value in (_read(file) if file else {}).items()]
     given += [("--set", *_split(assignment)) for assignment in assignments]
     for source, name, value in given:
-        settings = _assign(settings, name, value, source)
+        values[name] = _checked(name, value, kinds, source)
         origin[name] = source
-    return Resolved(settings, origin)
+    return Resolved(_rebuilt(start, values, origin), origin)
 
 
 def flatten(settings: Any, prefix: str = "") -> dict[str, Any]:
@@ -103,26 +106,17 @@ def _preset(name: str) -> Settings:
 
 def _split(assignment: str) -> tuple[str, Any]:
     name, equals, text = assignment.partition("=")
+    shown = repr(assignment if len(assignment) < 100 else assignment[:97] + "...")
     if not equals or not name.strip():
-        raise InputError(f"--set {assignment!r}: expected key=value, such as detector.count=3000")
+        raise InputError(f"--set {shown}: expected key=value, such as detector.count=3000")
     try:
-        return name.strip(), yaml.safe_load(text) if text.strip() else ""
-    except yaml.YAMLError as error:
-        raise InputError(f"--set {assignment!r}: the value is not plain YAML") from error
+        return name.strip(), parse_yaml(text) if text.strip() else ""
+    except ValueError as error:
+        raise InputError(f"--set {shown}: the value is not plain YAML ({error})") from error
 
 
 def _read(file: Path) -> dict[str, Any]:
-    try:
-        if file.stat().st_size > _LARGEST:
-            raise InputError(f"{file}: {file.stat().st_size} bytes, expected settings of at most {_LARGEST}")
-        text = file.read_text(encoding="utf-8")
-        if any(isinstance(t, yaml.AliasToken | yaml.TagToken) for t in yaml.scan(text, Loader=yaml.SafeLoader)):
-            raise InputError(f"{file}: has an alias or a tag, expected plain values")
-        tree = yaml.safe_load(text)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror})") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: not plain YAML ({' '.join(str(error).split())[:120]})") from error
+    tree = read_yaml(file, "a YAML file of settings")
     stages = {} if tree is None else tree
     if not isinstance(stages, Mapping):
         raise InputError(f"{file}: expected a mapping of stages")
@@ -137,36 +131,57 @@ def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield f"{prefix}{key}", value
 
 
-def _assign(settings: Settings, name: str, value: Any, source: str) -> Settings:
-    known = flatten(settings)
-    if name not in known:
-        near = difflib.get_close_matches(name, known, 1, 0.5)
-        hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(known)}"
-        raise InputError(f"{source}: unknown setting {name!r}{hint}")
-    replaced: Settings = _replace(settings, name.split("."), value, f"{source}: {name}")
-    return replaced
+def _kinds(settings: Any, prefix: str = "") -> dict[str, Any]:
+    """Type of each value by its dotted name."""
+    kinds: dict[str, Any] = {}
+    hints = get_type_hints(type(settings))
+    for part in fields(settings):
+        value, name = getattr(settings, part.name), prefix + part.name
+        kinds |= _kinds(value, f"{name}.") if is_dataclass(value) else {name: hints[part.name]}
+    return kinds
 
 
-def _replace(part: Any, path: list[str], value: Any, where: str) -> Any:
-    key, *deeper = path
-    if deeper:
-        return replace(part, **{key: _replace(getattr(part, key), deeper, value, where)})
-    wanted = get_type_hints(type(part))[key]
-    if not _fits(value, wanted):
-        raise InputError(f"{where} is {value!r}, expected {_describe(wanted)}")
-    return replace(part, **{key: float(value) if wanted is float else value})
+def _checked(name: str, value: Any, kinds: dict[str, Any], source: str) -> Any:
+    if name not in kinds:
+        near = difflib.get_close_matches(name, kinds, 1, 0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(kinds)}"
+        raise InputError(f"{source}: unknown setting {one_line(repr(name))[:80]}; {hint}")
+    try:
+        return _fitted(value, kinds[name])
+    except TypeError as error:
+        is_huge = isinstance(value, int) and abs(value) >= _TOO_LARGE
+        shown = "a number too large" if is_huge else one_line(repr(value))[:80]
+        raise InputError(f"{source}: {name} is {shown}, expected {_describe(kinds[name])}") from error
 
 
-def _fits(value: Any, wanted: Any) -> bool:
+def _rebuilt(part: Any, values: dict[str, Any], origin: dict[str, str], prefix: str = "") -> Any:
+    """`part` with the values of these names, all at once: what is in range may depend on more than one."""
+    changed = {}
+    for each in fields(part):
+        value, name = getattr(part, each.name), prefix + each.name
+        changed[each.name] = _rebuilt(value, values, origin, f"{name}.") if is_dataclass(value) else values[name]
+    try:
+        return replace(part, **changed)
+    except InputError as error:
+        sources = {origin[prefix + key]: None for key in changed if prefix + key in values}
+        raise InputError(f"{', '.join(s for s in sources if s != 'default')}: {error}") from error
+
+
+def _fitted(value: Any, wanted: Any) -> Any:
+    """`value` as the type `wanted`; TypeError if it is none."""
     if get_origin(wanted) in (Union, UnionType):
-        return any(_fits(value, each) for each in get_args(wanted))
-    if get_origin(wanted) is Literal:
-        return value in get_args(wanted)
-    if wanted in (None, NoneType):
-        return value is None
-    if wanted is float:
-        return isinstance(value, float | int) and not isinstance(value, bool)
-    return type(value) is wanted
+        for each in get_args(wanted):
+            with contextlib.suppress(TypeError):
+                return _fitted(value, each)
+    elif get_origin(wanted) is Literal:
+        if value in get_args(wanted):
+            return value
+    elif isinstance(value, int) and not isinstance(value, bool) and wanted in (int, float):
+        if abs(value) < _TOO_LARGE:
+            return wanted(value)
+    elif type(value) is wanted:
+        return value
+    raise TypeError
 
 
 def _describe(wanted: Any) -> str:

@@ -19,6 +19,8 @@ from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Rig, Surface
 from .vision.rig import load_rig, project
 
+_FARTHEST, _NEAREST = 1e9, 1e-9  # m
+
 
 def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf) -> RunResult:
     """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
@@ -73,6 +75,7 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
 def _filtered(
     xyz: FloatArray, faces: NDArray[np.int32], pixels: Image, rig: Rig, stage: Tmahf, name: str
 ) -> StoredFrame:
+    _check_distance(xyz)
     complex_ = build_complex(faces, len(xyz))
     uv = project(rig, xyz)
     signals = sample_signals(pixels, uv, complex_)
@@ -80,11 +83,16 @@ def _filtered(
     if not seen.any():
         raise InputError(f"none of {len(xyz)} vertices falls into the image, expected the camera's frame, metres")
     response = stage(complex_, uv, signals)
-    depth = np.where(seen, xyz[:, 2], 1.0)
-    disparity = np.where(seen, rig.fx * rig.baseline / depth - rig.doffs, 0.0)
-    cloud = Cloud(xyz, np.where(seen[:, None], uv, 0.0), disparity)
+    depth = np.where(np.isnan(uv[:, 0]) | (xyz[:, 2] < _NEAREST), np.nan, xyz[:, 2])
+    cloud = Cloud(xyz, uv, rig.fx * rig.baseline / depth - rig.doffs)
     kept = Surface(faces if len(faces) == len(complex_.faces) else complex_.faces)
     return StoredFrame(0, 0.0, name, rig, cloud, kept, complex_, signals, response)
+
+
+def _check_distance(xyz: FloatArray) -> None:
+    far = np.flatnonzero(np.abs(xyz).max(axis=1) > _FARTHEST)
+    if len(far):
+        raise InputError(f"vertex {far[0]} is at {xyz[far[0]].tolist()}, expected metres, at most {_FARTHEST:g}")
 
 
 def _filter_record(frame: StoredFrame) -> dict[str, Any]:

@@ -6,8 +6,8 @@ centre of the top-left pixel at ``(0, 0)``; ``disparity = u_left - u_right``; lu
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,8 @@ class Rig:
     Raises
     ------
     InputError
-        If a value is not finite, a focal length, the baseline or a size is not positive.
+        If a value is no number in its range: focal lengths 1e-3 to 1e7 px, baseline 1e-6 to 1e6 m, sizes whole and
+        1 to 1e6 px, the others within 1e7 px of 0.
 
     Examples
     --------
@@ -81,15 +82,21 @@ class Rig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not math.isfinite(value):
-                raise InputError(f"rig: {field.name} is {value}, expected a finite number")
-            if field.name in POSITIVE and value <= 0:
-                raise InputError(f"rig: {field.name} is {value}, expected a positive number")
+            value, (low, high) = getattr(self, field.name), _RANGES.get(field.name, (-1e7, 1e7))
+            kind: Any
+            kind, said = (Integral, "a whole number") if isinstance(low, int) else (Real, "a number")
+            if isinstance(value, bool) or not (isinstance(value, kind) and low <= value <= high):
+                shown = repr(value)[:60]
+                raise InputError(f"rig: {field.name} is {shown}, expected {said} from {low:.8g} to {high:.8g}")
 
 
-POSITIVE = frozenset({"fx", "fy", "baseline", "width", "height"})
-"""Fields of a `Rig` that must be positive."""
+_RANGES: dict[str, tuple[float, float]] = {
+    "fx": (1e-3, 1e7),
+    "fy": (1e-3, 1e7),
+    "baseline": (1e-6, 1e6),
+    "width": (1, 1_000_000),
+    "height": (1, 1_000_000),
+}
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def test_incomplete_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lacks the folder right"):
         StereoFolder(tmp_path)
     (tmp_path / "right").mkdir()
-    with pytest.raises(InputError, match=r"calib\.yaml: cannot be read"):
+    with pytest.raises(InputError, match=r"calib\.yaml: cannot be opened"):
         StereoFolder(tmp_path)
     save_rig(RIG, tmp_path / "calib.yaml")
     with pytest.raises(InputError, match="0 files in left/ and 0 in right/ have no name in common"):

@@ -115,12 +115,25 @@ def test_no_faces_no_vertices_and_edges_alone_are_complexes():
     assert (alone.edges.tolist(), alone.B2.shape, alone.L1.shape) == ([[0, 2]], (1, 0), (1, 1))
 
 
+def test_what_a_caller_does_to_the_matrices_leaves_the_complex_alone():
+    complex_ = build_complex(grid_faces(), 30)
+    before = [rows.indices.copy() for rows in (complex_.vertex_rows, complex_.edge_rows, complex_.face_rows)]
+    for matrix in complex_.neighbours():
+        matrix.indices[:] = 0
+        matrix.indptr[:] = 0
+    after = [rows.indices for rows in (complex_.vertex_rows, complex_.edge_rows, complex_.face_rows)]
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+
+
 @pytest.mark.parametrize(("faces", "n", "edges", "message"), [
     ([[0, 1, 1]], 3, None, r"face 0 is \[0, 1, 1\]"),
     ([[0, 1, 2], [0, 1, 3]], 3, None, r"face 1 is \[0, 1, 3\], expected distinct vertices in 0..2"),
     ([[0, 1, -2]], 3, None, r"face 0"),
     ([[0, 1, 2**40]], 3, None, r"face 0"),
-    (np.array([[0, 1, 2**63 + 5]], np.uint64), 3, None, r"face 0"),
+    (np.array([[0, 1, 2**63 + 5]], np.uint64), 3, None, r"face 0 is \[0, 1, 4611686018427387904\]"),
+    (np.zeros((5, 0)), 3, None, r"shape \(5, 0\), expected \(count, 3\)"),
+    ([[0, 1, 2], [0, 1]], 3, None, "rows of different lengths"),
+    ([["a", "b", "c"]], 3, None, "<U1, expected integers"),
     ([[0, 1]], 3, None, r"shape \(1, 2\), expected \(count, 3\)"),
     ([[0.0, 1.0, 2.0]], 3, None, "float64, expected integers"),
     ([], 3, [[0, 0]], r"edge 0 is \[0, 0\]"),

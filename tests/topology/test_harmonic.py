@@ -202,6 +202,9 @@ def test_the_stage_is_the_function():
 @pytest.mark.parametrize(("arguments", "message"), [
     ({"order": -1}, "order is -1"),
     ({"order": 1.5}, "order is 1.5"),
+    ({"order": 1001}, "order is 1001, expected an integer from 0 to 1000"),
+    ({"order": 10**30}, "order is 10{30}"),
+    ({"weight": lambda d: None}, r"weight\(0\) is None, expected a number"),
     ({"order": True}, "order is True"),
     ({"centering": "planar"}, "centering is 'planar', expected one of none, mean, harmonic, plane"),
     ({"order": 0, "centering": "mean"}, "order 0, expected 'none'"),

@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.spatial
 
 from tspslam import Cloud, GeometryError, InputError, build_complex, delaunay_surface
 from tspslam.topology.surface import DelaunaySurface, pinched_vertices
@@ -78,6 +81,24 @@ def test_a_bad_point_is_named(row, values):
     cloud.xyz[row] = values
     with pytest.raises(InputError, match=f"point {row} is uv .* expected finite values with z > 0"):
         delaunay_surface(cloud)
+
+
+def test_arrays_that_do_not_fit_and_covariances_that_are_not_finite_are_named():
+    cloud = two_planes(covariance=1.0)
+    with pytest.raises(InputError, match=r"shapes .*expected"):
+        delaunay_surface(replace(cloud, uv=cloud.uv[:-1]))
+    cloud.covariance[4, 2, 2] = np.nan
+    with pytest.raises(InputError, match="the covariance of point 4 is not finite"):
+        delaunay_surface(cloud)
+
+
+def test_points_that_qhull_refuses_are_named(monkeypatch):
+    def refuse(points):
+        raise scipy.spatial.QhullError("QH6154 initial simplex is flat\nmore")
+
+    monkeypatch.setattr(scipy.spatial, "Delaunay", refuse)
+    with pytest.raises(GeometryError, match=r"300 points cannot be triangulated \(QH6154 initial simplex is flat\)"):
+        delaunay_surface(two_planes())
 
 
 @pytest.mark.parametrize("setting", [{"max_depth_ratio": -1.0}, {"significance": np.nan}])

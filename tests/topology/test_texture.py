@@ -149,6 +149,14 @@ def test_luminance_of_colour_uses_float_weights():
     assert luminance(colour)[0].tolist() == pytest.approx([0.299, 0.587, 0.114])
 
 
+def test_luminance_is_float64_of_any_image_and_of_no_other_channels():
+    for image in (noise((4, 4)), np.full((4, 4), 0.5, np.float32), noise((4, 4, 1)), noise((4, 4, 3))):
+        assert luminance(image).dtype == np.float64
+    for channels in (2, 4):
+        with pytest.raises(InputError, match=f"{channels} channels, expected a grey one or R, G, B"):
+            luminance(noise((4, 4, channels)))
+
+
 def test_unknown_channels_are_named():
     with pytest.raises(InputError, match="channels is 'rgb', expected 'luminance' or 'all'"):
         sample_signals(noise((4, 4, 3)), [[0, 0]], build_complex([], 1), channels="rgb")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,7 @@ def test_covariance_is_symmetric_and_grows_with_the_square_of_sigma(rig: Rig) ->
         (np.full((1, 2), np.nan), np.ones(1), "finite"),
         (np.zeros((1, 2)), np.array([np.inf]), "finite"),
         (np.zeros((1, 2)), np.array([-2.0]), "positive"),
+        (np.full((1, 2), 1e300), np.ones(1), "at most 1e\\+09"),
     ],
 )
 def test_back_projection_refuses_what_has_no_depth(
@@ -67,6 +69,19 @@ def test_back_projection_refuses_what_has_no_depth(
 ) -> None:
     with pytest.raises(InputError, match=message):
         back_project(rig, uv, disparity)
+
+
+def test_a_point_beyond_all_measure_has_no_depth(plain_rig: Rig) -> None:
+    with pytest.raises(InputError, match="1e-300 px, expected a positive number, at least 1e-9"):
+        back_project(plain_rig, np.zeros((1, 2)), np.array([1e-300]))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"width": 1.5}, {"width": True}, {"fx": "wide"}, {"fx": np.nan}, {"cx": 10**400}, {"baseline": 0}]
+)
+def test_a_rig_of_other_values_is_refused_by_name(plain_rig: Rig, wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=f"rig: {next(iter(wrong))} is .*, expected a"):
+        replace(plain_rig, **wrong)
 
 
 @pytest.mark.parametrize("sigma", [-1.0, np.nan, np.ones(3)])

@@ -39,7 +39,7 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
     --------
     >>> pair_from_files("left.png", "right.png", "no-such-calib.yaml")
     Traceback (most recent call last):
-    tspslam.errors.InputError: no-such-calib.yaml: cannot be read (No such file or directory), expected a ...
+    tspslam.errors.InputError: no-such-calib.yaml: cannot be opened (No such file or directory); expected a ...
     """
     return _read_pair(Path(left), Path(right), load_rig(calib), 0)
 

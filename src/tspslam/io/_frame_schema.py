@@ -96,7 +96,8 @@ def check(arrays: Arrays) -> None:
     known: dict[str, tuple[int, ...]] = {"n": (int(arrays["complex_n"]),)} if arrays["complex_n"].ndim == 0 else {}
     for name, values in arrays.items():
         _check_shape(name, values.shape, known)
-        if values.dtype.kind in "fc" and name not in MAY_BE_NAN and not np.isfinite(values).all():
+        is_bad = np.isinf(values) if name in MAY_BE_NAN else ~np.isfinite(values)
+        if is_bad.any():
             raise InputError(f"array {name} holds a value that is not finite")
     if arrays["response_order"] < 0:
         raise InputError(f"has a response of order {arrays['response_order']}")

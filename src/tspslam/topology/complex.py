@@ -202,8 +202,11 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
 
 
 def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
-    array: NDArray[Any] = np.asarray(values)
-    if array.size == 0:
+    try:
+        array: NDArray[Any] = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"complex: {what}s are rows of different lengths, expected (count, {size})") from error
+    if array.shape in ((0,), (0, size)):
         return np.empty((0, size), np.int32)
     if array.ndim != 2 or array.shape[1] != size:
         raise InputError(f"complex: {what}s have shape {array.shape}, expected (count, {size})")
@@ -211,6 +214,8 @@ def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
         raise InputError(f"complex: {what}s are {array.dtype}, expected integers")
     if array.dtype == np.int32:
         return np.ascontiguousarray(array)
+    if array.dtype == np.uint64:
+        array = np.minimum(array, np.uint64(2**62))  # beyond any n, and no sign bit
     return np.ascontiguousarray(array.astype(np.int64))
 
 
@@ -250,4 +255,4 @@ def _pattern(rows: Rows, columns: int) -> csr_array:
     from scipy.sparse import csr_array
 
     ones = np.ones(len(rows.indices), np.int8)
-    return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns))
+    return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns), copy=True)

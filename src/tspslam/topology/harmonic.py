@@ -15,6 +15,7 @@ from .complex import Complex
 
 Centering = Literal["none", "mean", "harmonic", "plane"]
 Weight = Callable[[int], float]
+_HIGHEST = 1000  # order: cost grows with it, and no neighbourhood samples an angle so finely
 _CENTERINGS = ("none", "mean", "harmonic", "plane")
 
 
@@ -25,7 +26,7 @@ class Tmahf:
     Attributes
     ----------
     order : int
-        Angular order m >= 0.
+        Angular order, 0 <= m <= 1000.
     centering : {"none", "mean", "harmonic", "plane"} or None
         See `tmahf`; None takes its default for the order.
 
@@ -71,7 +72,7 @@ def tmahf(
     signals : Signals
         Unsigned signals on every level, (n,) or (n, C). Marked elements are left out of every sum and fit.
     order : int
-        Angular order m >= 0. For m = 0 the vertex itself counts too.
+        Angular order, 0 <= m <= 1000. For m = 0 the vertex itself counts too.
     centering : {"none", "mean", "harmonic", "plane"}, optional
         ``"none"``: the published sum; it also answers to how unevenly neighbours stand around the vertex.
         ``"mean"``: minus the weighted mean over η(i); 0 on constants.
@@ -107,7 +108,7 @@ def tmahf(
     >>> bool(abs(response.z[0] - 0.1) < 1e-9)
     True
     """
-    mode = _checked_mode(order, centering)
+    mode, order = _checked_mode(order, centering), int(order)
     points = _checked_points(complex_, uv, signals)
     rings = None if weight is None else _weights_by_distance(weight, complex_.n)
     channels = range(_channel_count(signals))
@@ -162,8 +163,8 @@ def _channel_count(signals: Signals) -> int:
 
 
 def _checked_mode(order: int, centering: str | None) -> int:
-    if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 0:
-        raise InputError(f"tmahf: order is {order!r}, expected an integer >= 0")
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= order <= _HIGHEST:
+        raise InputError(f"tmahf: order is {order!r}, expected an integer from 0 to {_HIGHEST}")
     chosen = centering if centering is not None else ("harmonic" if order else "none")
     if chosen not in _CENTERINGS:
         raise InputError(f"tmahf: centering is {chosen!r}, expected one of {', '.join(_CENTERINGS)}")
@@ -196,13 +197,20 @@ def _require_shape(name: str, values: NDArray[Any], shape: tuple[int, ...]) -> N
         raise InputError(f"tmahf: signals.{name} has shape {values.shape}, expected {shape}")
 
 
+def _number(value: Any, d: int) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"tmahf: weight({d}) is {value!r}, expected a number in [0, 1]") from error
+
+
 def _weights_by_distance(weight: Weight, n: int) -> FloatArray:
     """``g[0..D]``, D the last distance with a positive weight (or n, beyond which nothing is)."""
     if not callable(weight):
         raise InputError(f"tmahf: weight is {weight!r}, expected a function of the topological distance")
     values: list[float] = []
     for d in range(n + 1):
-        value = float(weight(d))
+        value = _number(weight(d), d)
         if d == 0 and value != 1.0:
             raise InputError(f"tmahf: weight(0) is {value}, expected 1")
         if not 0.0 <= value <= (values[-1] if values else 1.0):

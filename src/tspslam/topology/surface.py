@@ -23,7 +23,12 @@ class DelaunaySurface:
         Only steps larger than this many standard deviations of the depth difference count as steps, where the cloud
         has a covariance; 0 trusts every depth.
     min_angle : float
-        Faces whose smallest image angle is below this are slivers, degrees.
+        Faces whose smallest image angle is below this are slivers, degrees; at most 60.
+
+    Raises
+    ------
+    InputError
+        If a setting is out of its range.
 
     Examples
     --------
@@ -35,9 +40,16 @@ class DelaunaySurface:
     significance: float = 3.0
     min_angle: float = 3.0
 
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, most in (("max_depth_ratio", 1e9), ("significance", 1e9), ("min_angle", 60.0)):
+            value = getattr(self, name)
+            if not 0 <= value <= most:
+                raise InputError(f"surface: {name} is {value}, expected 0 to {most:g}")
+
     def __call__(self, cloud: Cloud) -> Surface:
         """Triangulate `cloud`; see `delaunay_surface`."""
-        _refuse(self, cloud)
+        _refuse(cloud)
         faces = _triangulate(cloud.uv)
         keep = ~_bridges_step(cloud, faces, self.max_depth_ratio, self.significance)
         keep &= _smallest_angle(cloud.uv[faces]) >= np.radians(self.min_angle)
@@ -70,7 +82,8 @@ def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.1, significance
     GeometryError
         If there are fewer than 3 points, or all of them lie on a line or at one place in the image.
     InputError
-        If a position is not finite, a depth is not positive, or a setting is out of range.
+        If a position or covariance is not finite, a depth is not positive, shapes do not fit, or a setting is out of
+        range.
 
     Examples
     --------
@@ -122,16 +135,19 @@ def pinched_vertices(faces: NDArray[np.int32], n: int) -> NDArray[np.int64]:
     return np.flatnonzero(np.bincount(owner, minlength=n) > 1)
 
 
-def _refuse(stage: DelaunaySurface, cloud: Cloud) -> None:
-    for name in ("max_depth_ratio", "significance", "min_angle"):
-        value = getattr(stage, name)
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(f"surface: {name} is {value}, expected a finite number >= 0")
+def _refuse(cloud: Cloud) -> None:
+    n = len(cloud.xyz)
+    shapes = (cloud.xyz.shape, cloud.uv.shape) + (() if cloud.covariance is None else (cloud.covariance.shape,))
+    if shapes != ((n, 3), (n, 2), (n, 3, 3))[: len(shapes)]:
+        raise InputError(f"surface: xyz, uv and covariance have shapes {shapes}, expected (N, 3), (N, 2), (N, 3, 3)")
     good = np.isfinite(cloud.uv).all(axis=1) & np.isfinite(cloud.xyz).all(axis=1) & (cloud.xyz[:, 2] > 0)
     if not good.all():
         bad = int(np.flatnonzero(~good)[0])
         where = f"uv {cloud.uv[bad].tolist()}, xyz {cloud.xyz[bad].tolist()}"
         raise InputError(f"surface: point {bad} is {where}, expected finite values with z > 0")
+    if cloud.covariance is not None and not np.isfinite(cloud.covariance).all():
+        bad = int(np.flatnonzero(~np.isfinite(cloud.covariance).all(axis=(1, 2)))[0])
+        raise InputError(f"surface: the covariance of point {bad} is not finite, expected finite m²")
 
 
 def _triangulate(uv: FloatArray) -> NDArray[np.int32]:

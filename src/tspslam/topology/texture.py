@@ -38,8 +38,11 @@ def luminance(image: NDArray[Any]) -> FloatArray:
     >>> float(luminance(np.full((2, 2), 51, np.uint8))[0, 0])
     0.2
     """
-    plane, unit = _planes(image, "luminance")[0]
-    return plane * unit
+    planes = _planes(image, "luminance")
+    if len(planes) > 1:
+        raise InputError(f"image: has {len(planes)} channels, expected a grey one or R, G, B")
+    plane, unit = planes[0]
+    return plane.astype(np.float64) * unit
 
 
 def sample_signals(

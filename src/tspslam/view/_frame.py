@@ -24,6 +24,7 @@ from ..types import (
     phase_of,
 )
 
+FARTHEST_PX = 1e6  # projections beyond it are not drawn
 LIGHTNESS, CHROMA = 0.74, 0.125  # of the phase circle in OKLCh: vivid, and inside sRGB at every hue
 CLIP_PERCENT = (1.0, 99.0)
 CLIP_MARGIN = 0.25  # of the kept range: a torus keeps its rim, a stray point at 500 m does not set the view
@@ -95,7 +96,12 @@ def check_frame(frame: FrameView) -> None:
         "signals.vertex": (len(signals.vertex), n),
         "signals.edge": (len(signals.edge), E),
         "signals.face": (len(signals.face), F),
+        "signals.vertex_ok": (len(signals.vertex_ok), n),
+        "signals.edge_ok": (len(signals.edge_ok), E),
+        "signals.face_ok": (len(signals.face_ok), F),
+        "cloud.uv": (len(frame.cloud.uv), n),
         "response.z": (len(frame.response.z), n),
+        "response.defined": (len(frame.response.defined), n),
     }
     for what, (seen, expected) in lengths.items():
         if seen != expected:
@@ -118,7 +124,8 @@ def is_colour(signal: FloatArray) -> bool:
 
 def projected(frame: FrameView) -> BoolArray:
     """(N,) where a vertex has a place in the image and a depth in front of the camera."""
-    finite = np.isfinite(frame.cloud.uv).all(axis=1) & np.isfinite(frame.cloud.xyz).all(axis=1)
+    near = (np.abs(frame.cloud.uv) < FARTHEST_PX).all(axis=1)
+    finite = near & np.isfinite(frame.cloud.xyz).all(axis=1)
     return finite & (np.where(finite, frame.cloud.xyz[:, 2], 0.0) > 0)
 
 

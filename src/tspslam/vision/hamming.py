@@ -108,8 +108,11 @@ class HammingMatcher:
 def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) -> tuple[float, float]:
     """Disparities that a pair may have: positive depth and at most 0.35 of the width, unless told otherwise."""
     low = -pair.rig.doffs if lowest is None else lowest
-    high = low + _WIDEST * pair.left.shape[1] if highest is None else highest
-    return low, max(low, high)
+    if highest is not None and highest <= low:
+        raise InputError(
+            f"{pair.name}: max_disparity is {highest:g} px, expected more than {low:g}, where depth begins"
+        )
+    return low, low + _WIDEST * pair.left.shape[1] if highest is None else highest
 
 
 def survey_disparities(

@@ -14,6 +14,8 @@ from .calibration import save_rig as save_rig
 
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
+LEAST_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
+_FARTHEST = 1e9  # px
 _DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
 
 
@@ -30,7 +32,7 @@ def back_project(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> FloatArray:
     uv : (N, 2) array
         Pixels of the left image.
     disparity : (N,) array
-        ``u_left - u_right``, px; ``disparity + doffs`` must be positive.
+        ``u_left - u_right``, px; ``disparity + doffs`` must be positive (at least 1e-9).
 
     Returns
     -------
@@ -157,9 +159,11 @@ def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[Fl
     if not (np.isfinite(pixels).all() and np.isfinite(shifts).all()):
         raise InputError("uv or disparity holds values that are not finite, expected finite px")
     total = shifts + rig.doffs
-    if np.any(total <= 0):
+    if np.any(total < LEAST_TOTAL):
         row = int(np.argmin(total))
-        raise InputError(f"disparity[{row}] + doffs is {total[row]:g} px, expected a positive number")
+        raise InputError(f"disparity[{row}] + doffs is {total[row]:g} px, expected a positive number, at least 1e-9")
+    if len(pixels) and np.abs(pixels).max() > _FARTHEST:
+        raise InputError(f"uv holds {np.abs(pixels).max():g} px, expected at most {_FARTHEST:g}")
     return pixels, total
 
 

@@ -1,0 +1,96 @@
+"""Plain YAML: text, numbers, true, false, null, lists and mappings; nothing that expands, runs or repeats."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, ClassVar
+
+import yaml
+
+from ._files import PathLike, bad_input, one_line, read_bytes
+
+LARGEST_FILE = 1 << 20  # bytes
+_DEEPEST = 21
+# What plain words mean, YAML 1.2's core: no dates, no 1:30 for 90, no <<, no yes and no.
+_WORDS = {
+    "null": r"~|null|Null|NULL|",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": r"[-+]?[0-9]+",
+    "float": r"[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan",
+}
+
+
+class _Plain:
+    """Rules that reading and writing share."""
+
+    yaml_implicit_resolvers: ClassVar[dict[Any, Any]] = {
+        None: [(f"tag:yaml.org,2002:{kind}", re.compile(f"(?:{form})$")) for kind, form in _WORDS.items()]
+    }
+
+
+class _Loader(_Plain, yaml.SafeLoader):
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise _refused("anchors and aliases are not allowed", event)
+        if getattr(event, "tag", None) is not None:
+            raise _refused(f"the tag {event.tag} is not allowed", event)
+        if self._depth > _DEEPEST:
+            raise _refused("too many levels", event)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise _refused("a key is a list or a mapping", key)
+            if key.value in names:
+                raise _refused(f"the key {key.value} is there twice", key)
+            names.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+class _Dumper(_Plain, yaml.SafeDumper):
+    pass
+
+
+def _decimal(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    return int(node.value)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _decimal)
+
+
+def _refused(problem: str, at: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=at.start_mark)
+
+
+def parse_yaml(text: str) -> Any:
+    """Return what plain YAML says; ValueError with the reason, and the line where there are several, if it is not."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f" in line {mark.line + 1}" if mark is not None and "\n" in text.strip() else ""
+        raise ValueError(one_line(f"{error.problem}{where}")[:160]) from error
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise ValueError(one_line(str(error))[:120] or type(error).__name__) from error
+
+
+def read_yaml(path: PathLike, expected: str) -> Any:
+    """Return the content of a plain YAML file of at most 1 MiB; anything else is an `InputError`."""
+    data = read_bytes(path, expected, LARGEST_FILE)
+    try:
+        return parse_yaml(data.decode("utf-8-sig"))
+    except ValueError as error:
+        raise bad_input(path, f"is not plain YAML: {one_line(str(error))[:160]}", expected) from error
+
+
+def dump_yaml(value: object) -> str:
+    """Return plain values as YAML that `parse_yaml` reads back exactly; keys sorted, ASCII."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=True, allow_unicode=False, width=1000)
