@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,10 +129,112 @@ def test_an_interrupted_run_says_how_to_resume_and_resumes(sequence):
     resumed = content(sequence / "out")
     shutil.rmtree(sequence / "out")
     subprocess.run(command, capture_output=True, check=True)
-    fresh = content(sequence / "out")
-    assert {n: b for n, b in resumed.items() if n != "manifest.jsonl"} == {
-        n: b for n, b in fresh.items() if n != "manifest.jsonl"
-    }
+    assert resumed == content(sequence / "out")
+
+
+def frames_of(folder):
+    return sorted(p.name for p in (folder / "out/frames").iterdir())
+
+
+def test_a_frame_that_has_become_unusable_leaves_the_folder(capsys, sequence):
+    assert type_in(capsys, "run", sequence, "--out", sequence / "out")[0] == 0
+    (sequence / "left/001.png").write_bytes(b"no image")
+    assert type_in(capsys, "run", sequence, "--out", sequence / "out")[0] == 4
+    assert frames_of(sequence) == ["000000.json", "000000.npz", "000002.json", "000002.npz"]
+    resumed = content(sequence / "out")
+    shutil.rmtree(sequence / "out")
+    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    assert content(sequence / "out") == resumed
+    code, line = complain(capsys, "export", sequence / "out", "--frame", "1")
+    assert (code, "has no finished frame 1; expected one of its 2 frames" in line) == (3, True)
+
+
+def test_a_frame_of_another_name_is_another_frame(capsys, sequence):
+    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    for side in ("left", "right"):
+        (sequence / side / "001.png").rename(sequence / side / "1b.png")
+    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    assert read_frame(sequence / "out/frames/000001.npz").name == "1b"
+
+
+def test_another_source_or_part_of_it_wants_another_folder(capsys, sequence):
+    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    code, line = complain(capsys, "run", "--out", sequence / "out")
+    assert code == 3
+    assert 'source.name was "drive" and is now "motorcycle"' in line
+    code, line = complain(capsys, "run", sequence, "--out", sequence / "out", "--frames", "0:2")
+    assert code == 3
+    assert "source.frames was null and is now [0, 2, 1]" in line
+
+
+def test_bad_input_does_not_bind_the_folder_to_its_settings(capsys, pair_files):
+    good = (pair_files / "left.png").read_bytes()
+    (pair_files / "left.png").write_bytes(good[:5000])
+    assert run_pair(capsys, pair_files)[0] == 3
+    (pair_files / "left.png").write_bytes(good)
+    assert run_pair(capsys, pair_files, "--set", "filter.order=2")[0] == 0
+
+
+def test_the_settings_of_a_run_are_settings_for_another(capsys, pair_files):
+    run_pair(capsys, pair_files, "--set", "filter.order=2")
+    rows = json.loads(type_in(capsys, "config", "show", "--config", pair_files / "out/config.yaml", "--json")[1])
+    assert rows["filter.order"]["value"] == 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are Unicode elsewhere")
+@pytest.mark.parametrize("more", [{}, {"LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}])
+def test_names_that_are_no_text_are_escaped(pair_files, more):
+    for side in ("left", "right"):
+        os.rename(pair_files / f"{side}.png", os.fsencode(pair_files) + f"/{side}".encode() + b"\xff\xc3\xa9.png")
+    words = [b"run", b"left\xff\xc3\xa9.png", b"right\xff\xc3\xa9.png", b"--calib", b"calib.yaml", b"--out", b"out\xff"]
+    command = [os.fsencode(sys.executable), b"-m", b"tspslam", *words]
+    done = subprocess.run(command, cwd=pair_files, env=os.environ | more, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    out = os.fsdecode(os.fsencode(pair_files) + b"/out\xff")
+    assert json.loads(Path(out, "run.json").read_text())["source"].startswith("left\\udcff")
+    assert os.path.getsize(f"{out}/report.html") > 100_000
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize(("streams", "code", "said"), [
+    (">&-", 0, ""), ("2>&-", 0, None), ("2>/dev/full", 0, None), ("| true", 0, ""),
+    (">/dev/full", 5, "standard output: cannot be written"),
+])  # fmt: skip
+def test_closed_and_full_streams_lose_no_result(capsys, pair_files, streams, code, said):
+    run_pair(capsys, pair_files)
+    line = f"{sys.executable} -m tspslam run left.png right.png --calib calib.yaml --out out {streams}"
+    script = line + ("; exit ${PIPESTATUS[0]}" if "|" in streams else "")
+    done = subprocess.run(["bash", "-c", script], cwd=pair_files, capture_output=True, text=True)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception" not in done.stderr
+    assert said is None or said in done.stderr
+
+
+def test_an_interruption_while_it_loads_is_one_line():
+    script = (
+        "import sys\n"
+        "class Stop:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'tspslam.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Stop())\n"
+        "from tspslam.__main__ import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "tspslam: interrupted\n")
+
+
+def test_an_interruption_while_it_ends_is_too_late(pair_files):
+    script = (
+        "import atexit, os, signal, sys\n"
+        "from tspslam.__main__ import main\n"
+        "atexit.register(os.kill, os.getpid(), signal.SIGINT)\n"
+        "sys.argv = ['tspslam', '--version']\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_changed_settings_are_refused_by_name(capsys, pair_files):
@@ -227,6 +330,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
+    (["export", "somewhere", "--frame", "-1"], "--frame"),
 ])  # fmt: skip
 def test_a_wrong_command_is_code_2(capsys, words, message):
     code, line = complain(capsys, *words)
@@ -350,6 +454,9 @@ def test_filter_answers_on_a_mesh_and_a_posed_image(capsys, pair_files, small_pa
     assert stored.uv[105, 0] > 1000  # outside the image, where it is
     assert read_vtu(pair_files / "out/map.vtu").point_data["ok"].tolist() == [1] * 104 + [0, 0]
     assert (pair_files / "out/report.html").exists()
+    before = content(pair_files / "out")
+    assert type_in(capsys, *words, "--out", pair_files / "out", "--centering", "plane")[0] == 0
+    assert content(pair_files / "out") == before
 
 
 def test_a_vertex_in_the_lens_has_no_disparity(capsys, pair_files):

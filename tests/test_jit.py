@@ -1,4 +1,5 @@
 import logging
+import os
 import subprocess
 import sys
 
@@ -41,3 +42,15 @@ def test_a_fresh_cache_folder_is_announced_and_then_used(tmp_path, pair_files):
     use = "from tspslam.topology._harmonics import pack; import numpy as n; pack(0, n.ones((1,2)), n.ones(1), n.ones(1, bool), n.ones((1,4)))"
     assert not said(use)
     assert not said(script)
+
+
+def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):
+    script = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
+        "from tspslam.topology.complex import build_complex\n"
+        "print(build_complex([[0, 1, 2]], 3).euler)\n"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("1\n", 0), done.stderr

@@ -15,9 +15,9 @@ LARGEST_FILE = 1 << 32
 
 
 def one_line(text: str) -> str:
-    """Return `text` without line breaks, control characters or lone surrogates."""
-    plain = "".join(character if character.isprintable() else " " for character in text)
-    return " ".join(plain.encode("utf-8", "backslashreplace").decode("utf-8").split())
+    """Return `text` without line breaks and control characters; bytes of a name that are no text are escaped."""
+    plain = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return " ".join("".join(character if character.isprintable() else " " for character in plain).split())
 
 
 def bad_input(path: PathLike, reason: str, expected: str) -> InputError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -52,12 +53,24 @@ def prefetch(_context: Any, array: Any, _row: Any) -> Any:
 def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
     try:
-        return numba.njit(cache=True, **options)(function)
+        compiled = numba.njit(cache=True, **options)(function)
+        compiled._cache.save_overload = _forgiving(compiled._cache.save_overload)
+        return compiled
     except RuntimeError:
         if not _said:
             _log.warning("kernels are compiled anew in each process: numba found no folder that it can write")
             _said.add("no cache")
         return numba.njit(**options)(function)
+
+
+def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
+    """`save` that lets a full disk be: what is not kept is compiled again."""
+
+    def forgive(*arguments: Any) -> None:
+        with contextlib.suppress(OSError):
+            save(*arguments)
+
+    return forgive
 
 
 def is_cached(compiled: Any) -> bool:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import logging
+import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -64,7 +66,7 @@ def run_command(
     target = out or Path("runs") / pairs.name
     _announce_compilation()
     with _progress(len(wanted)) as progress:
-        result = pipeline.run(pairs, target, resolved, frames=wanted, progress=progress)
+        result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, progress=progress)
     _finish(result, as_json)
 
 
@@ -91,7 +93,7 @@ def filter_command(
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
-    frame: Annotated[int, typer.Option(help="Index of the frame.")] = 0,
+    frame: Annotated[int, typer.Option(min=0, help="Index of the frame.")] = 0,
     output: Annotated[Path | None, typer.Option(help="File to write [default: RUN-FRAME.FORMAT here].")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -102,10 +104,10 @@ def export_command(
     writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
     if to not in writers:
         raise typer.BadParameter(f"{to!r}, expected one of {', '.join(writers)}", param_hint="--to")
-    stored = RunFolder.open(run).frame_path(frame)
+    stored = RunFolder.open(run).finished_frame(frame)
     target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
     writers[to](target, read_frame(stored))
-    typer.echo(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
+    _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
 
 @config_app.command("show")
@@ -121,11 +123,11 @@ def config_show_command(
     resolved = configuration.resolve(preset, config, assignments or [])
     rows = {name: {"value": value, "origin": resolved.origin[name]} for name, value in resolved.values.items()}
     if as_json:
-        typer.echo(json.dumps(rows, sort_keys=True))
+        _say(json.dumps(rows, sort_keys=True))
         return
     width = max(map(len, rows))
     for name, row in rows.items():
-        typer.echo(f"{name:<{width}}  {json.dumps(row['value']):<12}  {row['origin']}")
+        _say(f"{name:<{width}}  {json.dumps(row['value']):<12}  {row['origin']}")
 
 
 @app.callback(invoke_without_command=True)
@@ -135,14 +137,17 @@ def root(
 ) -> None:
     """Print the version, if asked; `main` reads --debug itself."""
     if version:
-        typer.echo(__version__)
+        _say(__version__)
         raise typer.Exit
 
 
 def main() -> None:
     """Run the command line; every error becomes one line and its exit code."""
     logging.basicConfig(format="%(message)s", level=logging.WARNING)
-    sys.exit(_exit_code(sys.argv[1:]))
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports each home that it cannot write
+    code = _exit_code(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
+    sys.exit(code)
 
 
 def _exit_code(arguments: list[str]) -> int:
@@ -180,14 +185,32 @@ def _line(error: Exception) -> str:
     if isinstance(error, _UsageError):
         return f"{error.format_message()} (see tspslam --help)"  # type: ignore[attr-defined]
     text = " ".join(str(error).split())
-    if isinstance(error, TspSlamError) or _code_of(error) == NOT_WRITTEN:
+    if isinstance(error, TspSlamError):
         return text
+    if isinstance(error, OSError) and _code_of(error) == NOT_WRITTEN:
+        return f"{error.filename or 'output'}: cannot be written ({error.strerror}); expected a place with space"
     return f"internal error: {type(error).__name__}: {text} (--debug shows where)"
 
 
 def _complain(line: str, code: int) -> int:
-    typer.echo(f"tspslam: {line}", err=True)
+    _note(f"tspslam: {line}")
     return code
+
+
+def _say(text: str) -> None:
+    """Print a result on stdout; a reader who has gone away wants no more of it."""
+    try:
+        typer.echo(text)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        raise OutputError(f"standard output: cannot be written ({error.strerror}); expected an open one") from error
+
+
+def _note(text: str) -> None:
+    """Print on stderr, if anybody listens."""
+    with contextlib.suppress(OSError):
+        typer.echo(text, err=True)
 
 
 def _open_source(paths: list[Path], calib: Path | None) -> Source:
@@ -227,17 +250,15 @@ def _announce_compilation() -> None:
     from .topology._harmonics import filter_one_ring
 
     if not is_cached(filter_one_ring):
-        typer.echo("compiling kernels (once on this machine, up to a minute) ...", err=True)
+        _note("compiling kernels (once on this machine, up to a minute) ...")
 
 
-@contextmanager
+@contextlib.contextmanager
 def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
     """A bar on stderr if it is a terminal, else a line every tenth of the frames."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         every = max(1, total // 10)
-        yield (
-            lambda done, of, name: typer.echo(f"{done}/{of} {name}", err=True) if of > 1 and done % every == 0 else None
-        )
+        yield (lambda done, of, name: _note(f"{done}/{of} {name}") if of > 1 and done % every == 0 else None)
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -250,16 +271,14 @@ def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
 def _finish(result: RunResult, as_json: bool) -> None:
     run, folder = result.run, result.folder
     for warning in run["warnings"]:
-        typer.echo(f"warning: {warning['message']}", err=True)
+        _note(f"warning: {warning['message']}")
     if as_json:
-        typer.echo(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
+        _say(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
     else:
         sizes = run["complex"]
-        typer.echo(f"{run['status']}: {run['frames']} frame(s); the first has {sizes['n']} points, "
+        _say(f"{run['status']}: {run['frames']} frame(s); the first has {sizes['n']} points, "
                    f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
-        typer.echo(
-            f"pictures: {folder / 'pictures'}\nreport:   {folder / 'report.html'}\nmap:      {folder / 'map.vtu'}"
-        )
+        _say(f"pictures: {folder / 'pictures'}\nreport:   {folder / 'report.html'}\nmap:      {folder / 'map.vtu'}")
     if result.is_degraded:
         raise typer.Exit(DEGRADED)
 

@@ -120,7 +120,8 @@ def _read(file: Path) -> dict[str, Any]:
     stages = {} if tree is None else tree
     if not isinstance(stages, Mapping):
         raise InputError(f"{file}: expected a mapping of stages")
-    return dict(_leaves(stages))
+    # A run's own config.yaml will do: what it was made of is no setting.
+    return dict(_leaves({name: stage for name, stage in stages.items() if name != "source"}))
 
 
 def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

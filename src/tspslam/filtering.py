@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ._files import one_line
 from .errors import InputError
 from .io import RunFolder, StoredFrame, read_image, read_mesh, write_frame
-from .io.maps import write_maps
-from .pipeline import RunResult, draw, shown_of
+from .pipeline import RunResult, finish
 from .records import array_hash, hash_of, machine, versions
 from .topology.complex import build_complex
 from .topology.harmonic import Tmahf
@@ -55,7 +55,7 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         raise InputError(f"{image}: is {seen} px, expected {rig.width}x{rig.height} as {calibration} says")
     xyz, faces = read_mesh(mesh)
     try:
-        frame = _filtered(xyz, faces, pixels, rig, stage, mesh.stem)
+        frame = _filtered(xyz, faces, pixels, rig, stage, one_line(mesh.stem))
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
     given = [array_hash(values) for values in (pixels, xyz, faces)]
@@ -63,11 +63,9 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     with RunFolder.create(out, settings) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
-        folder.record(path, input_hash=folder.config_hash)
         record = _filter_record(frame)
-        write_maps(folder.map_vtu_path, folder.map_ply_path, frame)
-        draw(folder, shown_of(pixels, frame), record, folder.config_hash)
-        folder.write_run(record)
+        finish(folder, [path], pixels, frame, record, folder.config_hash)
+        folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)
 

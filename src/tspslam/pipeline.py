@@ -61,6 +61,7 @@ class OnePair:
         return 1
 
     def __getitem__(self, index: int) -> StereoPair:
+        range(1)[index]
         return self.pair
 
 
@@ -110,12 +111,15 @@ def run(
     """
     started = time.perf_counter()
     wanted = frames if frames is not None else range(len(source))
-    with RunFolder.create(out, resolved.nested) as folder:
+    if not wanted:
+        raise InputError(f"{source.name}: frames {wanted} select none of {len(source)} pairs")
+    chosen = None if frames is None else [frames.start, frames.stop, frames.step]
+    settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
+    with RunFolder.create(out, settings) as folder:
         shown, done, skipped = _process_all(source, wanted, Session(source.rig, resolved.settings), folder, progress)
         unpaired = getattr(source, "unpaired", [])
-        record = run_record(source.name, unpaired, done, skipped, resolved.nested, shown.name)
+        record = run_record(source.name, unpaired, done, skipped, folder.config_hash, shown.name)
         _write_results(folder, shown, record, done)
-        folder.write_run(record)
         seconds = {unit["name"]: unit["seconds"] for unit in done if unit["seconds"]}
         folder.write_timings({"frames": seconds, "total_s": time.perf_counter() - started, "machine": machine()})
     return RunResult(out, record)
@@ -165,12 +169,12 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summa
 def _write_results(folder: RunFolder, pair: StereoPair, record: dict[str, Any], done: list[Summary]) -> None:
     """Trajectory, map, pictures and report of the first frame; the report comes last, so its line says all is there."""
     key = hash_of([record, folder.units[f"frames/{pair.index:06d}.npz"].sha256])
-    if _is_finished(folder, key):
-        return
-    stored = read_frame(folder.frame_path(pair.index))
-    folder.write_trajectory([done[0]["stamp"]], np.eye(4)[None])
-    write_maps(folder.map_vtu_path, folder.map_ply_path, stored)
-    draw(folder, shown_of(pair.left, stored), record, key)
+    if not _is_finished(folder, key):
+        stored = read_frame(folder.frame_path(pair.index))
+        paths = folder.write_trajectory([done[0]["stamp"]], np.eye(4)[None])
+        finish(folder, paths, pair.left, stored, record, key)
+    frames = [f"frames/{unit['index']:06d}.{kind}" for unit in done for kind in ("npz", "json")]
+    folder.keep([*frames, *(name for name, unit in folder.units.items() if unit.input == key)])
 
 
 def _is_finished(folder: RunFolder, key: str) -> bool:
@@ -178,13 +182,18 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
     return "report.html" in names and all(folder.is_done(folder.path / name, input_hash=key) for name in names)
 
 
-def draw(folder: RunFolder, shown: ImagedFrame, record: dict[str, Any], key: str) -> None:
-    """Draw pictures and report, and note them and the maps as finished from input `key`."""
+def finish(
+    folder: RunFolder, paths: list[Path], image: Image, frame: StoredFrame, record: dict[str, Any], key: str
+) -> None:
+    """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`."""
     from .view import pictures, report
 
+    shown = ImagedFrame(frame.name, image, frame.cloud, frame.surface, frame.complex_, frame.signals, frame.response)
+    write_maps(folder.map_vtu_path, folder.map_ply_path, frame)
     drawn = pictures.write_pictures(shown, folder.path / "pictures")
+    run_path = folder.write_run(record)
     report.write_report(shown, record, drawn, folder.report_path)
-    for path in (folder.map_vtu_path, folder.map_ply_path, *drawn, folder.report_path):
+    for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)
 
 
@@ -199,8 +208,3 @@ class ImagedFrame:
     complex_: Complex
     signals: Signals
     response: Response
-
-
-def shown_of(image: Image, frame: StoredFrame) -> ImagedFrame:
-    """A stored frame with the image it was made from."""
-    return ImagedFrame(frame.name, image, frame.cloud, frame.surface, frame.complex_, frame.signals, frame.response)

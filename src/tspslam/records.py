@@ -49,7 +49,7 @@ def run_record(
     unpaired: Sequence[str],
     done: list[Summary],
     skipped: list[Warning_],
-    settings: dict[str, Any],
+    settings_hash: str,
     shown: str,
 ) -> Summary:
     """What ``run.json`` holds; nothing in it varies when the run is repeated."""
@@ -74,7 +74,7 @@ def run_record(
         "versions": versions(),
         "seeds": {},
         "input_hash": hash_of([unit["input_hash"] for unit in done]),
-        "settings_hash": hash_of(settings),
+        "settings_hash": settings_hash,
     }
 
 
@@ -99,8 +99,8 @@ def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Itera
 
 
 def pair_hash(pair: StereoPair) -> str:
-    """SHA-256 of both images and their rig, hexadecimal."""
-    digest = hashlib.sha256(_json_bytes(_rig_record(pair.rig)))
+    """SHA-256 of all that a frame is made from: images, rig, place, time, name; hexadecimal."""
+    digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name]))
     for image in (pair.left, pair.right):
         digest.update(array_hash(image).encode())
     return digest.hexdigest()

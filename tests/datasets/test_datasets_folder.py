@@ -62,6 +62,12 @@ def test_images_that_do_not_fit_the_calibration_are_refused(tmp_path: Path) -> N
         StereoFolder(tmp_path)[0]
 
 
+def test_digits_that_are_not_ascii_are_letters(sequence: Path) -> None:
+    for side in ("left", "right"):
+        (sequence / side / "000.png").rename(sequence / side / "²1.png")
+    assert StereoFolder(sequence).names == ["001", "002", "²1"]
+
+
 def test_incomplete_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lacks the folder left"):
         StereoFolder(tmp_path)

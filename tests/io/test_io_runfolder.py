@@ -67,8 +67,40 @@ def test_the_settings_stand_in_the_folder_as_plain_yaml_and_are_the_same_bytes_e
     assert dump(plain(dict(reversed(CONFIG.items())))) == text
 
 
+def test_a_folder_without_a_finished_unit_takes_new_settings(tmp_path):
+    create(tmp_path, {"detector": "sift"}).close()
+    with create(tmp_path) as run:
+        finish(run)
+    assert load((tmp_path / "run" / "config.yaml").read_bytes()) == CONFIG
+
+
+def test_only_units_that_are_kept_stay(tmp_path):
+    with create(tmp_path) as run:
+        for index in (2, 0, 1):
+            finish(run, index)
+        (run.path / "frames" / "notes.txt").write_text("of the user")
+        run.keep(["frames/000002.npz", "frames/000000.npz"])
+        assert sorted(p.name for p in (run.path / "frames").iterdir()) == ["000000.npz", "000002.npz", "notes.txt"]
+        assert list(run.units) == ["frames/000000.npz", "frames/000002.npz"]
+    assert list(RunFolder.open(tmp_path / "run").units) == ["frames/000000.npz", "frames/000002.npz"]
+
+
+def test_only_a_finished_and_unchanged_frame_is_given_out(tmp_path):
+    with create(tmp_path) as run:
+        finish(run)
+        run.frame_path(1).write_bytes(b"not finished")
+    run = RunFolder.open(tmp_path / "run")
+    assert run.finished_frame(0) == run.frame_path(0)
+    with pytest.raises(InputError, match="has no finished frame 1; expected one of its 1 frames"):
+        run.finished_frame(1)
+    run.frame_path(0).write_bytes(b"changed")
+    with pytest.raises(InputError, match=r"000000.npz: is missing or was changed since the run"):
+        run.finished_frame(0)
+
+
 def test_another_config_is_refused_and_the_key_is_named(tmp_path):
-    create(tmp_path).close()
+    with create(tmp_path) as run:
+        finish(run)
     other = {"detector": "sift", "limits": {"disparity": 48.5}, "levels": [1, 2], "new": True}
     with pytest.raises(InputError) as caught:
         create(tmp_path, other)
@@ -239,12 +271,12 @@ def test_no_folder_is_no_run(tmp_path):
 
 def test_results_are_sorted_plain_json_and_read_back(tmp_path):
     with create(tmp_path) as run:
-        run.write_run({"status": "complete", "frames": 3, "name": "Straße"})
+        run.write_run({"status": "complete", "frames": 3, "name": "Straße \udcff"})
         run.write_timings({"seconds": 0.5})
-        assert run.read_run()["name"] == "Straße"
+        assert run.read_run()["name"] == "Straße \udcff"
         assert run.read_timings() == {"seconds": 0.5}
         assert list(json.loads((run.path / "run.json").read_text("utf-8"))) == ["frames", "name", "status"]
-        for bad in ({"a": np.nan}, {"a": object()}, {"a": "\ud800"}):
+        for bad in ({"a": np.nan}, {"a": object()}):
             with pytest.raises(InputError, match="plain JSON"):
                 run.write_run(bad)
         assert run.read_run()["frames"] == 3

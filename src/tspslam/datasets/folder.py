@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from .._files import PathLike, one_line
 from ..errors import InputError
 from ..types import Rig, StereoPair
 from ..vision.rig import check_pair, load_rig
 
-PathLike = str | os.PathLike[str]
 _SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 
 
@@ -83,7 +82,7 @@ class StereoFolder:
         self.rig = load_rig(self.path / "calib.yaml")
         self.names = sorted(left.keys() & right.keys(), key=_natural)
         lone = sorted(left.keys() ^ right.keys(), key=_natural)
-        self.unpaired = [f"left/{left[k].name}" if k in left else f"right/{right[k].name}" for k in lone]
+        self.unpaired = [one_line(f"left/{left[k].name}" if k in left else f"right/{right[k].name}") for k in lone]
         self._files = [(left[name], right[name]) for name in self.names]
         if not self.names:
             raise InputError(
@@ -94,7 +93,7 @@ class StereoFolder:
     @property
     def name(self) -> str:
         """The folder's own name."""
-        return self.path.resolve().name
+        return one_line(self.path.resolve().name)
 
     def __len__(self) -> int:
         return len(self._files)
@@ -112,7 +111,7 @@ class StereoFolder:
 def _read_pair(left: Path, right: Path, rig: Rig, index: int) -> StereoPair:
     from ..io.images import read_image
 
-    pair = StereoPair(read_image(left), read_image(right), rig, index=index, name=left.stem)
+    pair = StereoPair(read_image(left), read_image(right), rig, index=index, name=one_line(left.stem))
     check_pair(pair)
     return pair
 
@@ -136,4 +135,4 @@ def _images(folder: Path, side: str) -> dict[str, Path]:
 def _natural(name: str) -> list[tuple[int, int, str]]:
     """Sort key that compares runs of digits as numbers."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
-    return [(0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts]
+    return [(0, int(part), part) if part[0] in "0123456789" else (1, 0, part) for part in parts]

@@ -7,12 +7,13 @@ import hashlib
 import json
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from io import BufferedReader
 from pathlib import Path
 from typing import cast
 
-from .._atomic import bad_output
+from .._atomic import bad_output, write_bytes
 from .._files import PathLike, bad_input, open_input, read_bytes, reason_of
 
 _EXPECTED = "a manifest of finished units"
@@ -119,6 +120,11 @@ def read_manifest(path: PathLike) -> tuple[dict[str, Unit], int]:
     return units, size
 
 
+def write_manifest(path: PathLike, units: Iterable[Unit]) -> None:
+    """Write a manifest of just these units, by name; whole or not at all, as `write_bytes`."""
+    write_bytes(path, b"".join(_line(unit) for unit in sorted(units, key=lambda unit: unit.name)))
+
+
 def append_unit(path: PathLike, unit: Unit) -> None:
     """Append one line to a manifest and sync it; on failure the file is cut back to what it was.
 
@@ -143,7 +149,7 @@ def append_unit(path: PathLike, unit: Unit) -> None:
     >>> units["a"].bytes
     3
     """
-    line = json.dumps(asdict(unit), sort_keys=True, allow_nan=False).encode("ascii") + b"\n"
+    line = _line(unit)
     try:
         with open(path, "ab", buffering=0) as handle:
             before = handle.seek(0, os.SEEK_END)
@@ -158,6 +164,10 @@ def append_unit(path: PathLike, unit: Unit) -> None:
                 raise
     except (OSError, ValueError) as error:
         raise bad_output(path, error) from error
+
+
+def _line(unit: Unit) -> bytes:
+    return json.dumps(asdict(unit), sort_keys=True, allow_nan=False).encode("ascii") + b"\n"
 
 
 def _unit(line: bytes) -> Unit | None:

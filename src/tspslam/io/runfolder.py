@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -16,10 +16,10 @@ from .._files import PathLike, bad_input, one_line, read_bytes
 from ..errors import InputError, OutputError
 from . import _config
 from .lock import LOCK_NAME, FolderLock
-from .manifest import Unit, append_unit, read_manifest, sha256_file
+from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manifest
 from .trajectory import write_kitti, write_tum
 
-_CONFIG = "config.yaml"
+_CONFIG, _MANIFEST = "config.yaml", "manifest.jsonl"
 _EXPECTED = "an empty or new folder, or a run folder of ours"
 
 
@@ -54,12 +54,12 @@ class RunFolder:
         self.config = config
         self.config_hash = _config.hash_of(config)
         self._lock = lock
-        self._manifest = path / "manifest.jsonl"
+        self._manifest = path / _MANIFEST
         self.units, self._size = read_manifest(self._manifest)
 
     @classmethod
     def create(cls, path: PathLike, config: Mapping[str, Any]) -> RunFolder:
-        """Make a run folder, or resume one of the same settings, and lock it.
+        """Make a run folder, or resume one of the same settings, and lock it; without a finished unit it is a new one.
 
         Parameters
         ----------
@@ -214,9 +214,59 @@ class RunFolder:
             return False
         return sha256_file(target) == unit.sha256
 
-    def write_run(self, values: Mapping[str, Any]) -> None:
+    def finished_frame(self, index: int) -> Path:
+        """Return where the stored frame of that index is, after it was held against the manifest.
+
+        Parameters
+        ----------
+        index : int
+            Place in the sequence.
+
+        Returns
+        -------
+        Path
+            Its file, byte for byte as the run left it.
+
+        Raises
+        ------
+        InputError
+            If the run did not finish that frame, or its file is missing or was changed.
+        """
+        target = self.frame_path(index)
+        unit = self.units.get(self._name(target))
+        if unit is None:
+            count = sum(name.endswith(".npz") for name in self.units)
+            raise bad_input(self.path, f"has no finished frame {index}", f"one of its {count} frames")
+        if not self.is_done(target, input_hash=unit.input):
+            raise bad_input(target, "is missing or was changed since the run", "the file that the manifest lists")
+        return target
+
+    def keep(self, names: Iterable[str]) -> None:
+        """Make these the folder's only finished units: the files of others go, and the manifest lists these by name.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Units, as in `units`.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be removed or the manifest not be written.
+        """
+        self._writable(self._manifest)
+        kept = {name: self.units[name] for name in sorted(set(names))}
+        try:
+            for name in self.units.keys() - kept.keys():
+                (self.path / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise bad_output(self.path, error) from error
+        write_manifest(self._manifest, kept.values())
+        self.units = kept
+
+    def write_run(self, values: Mapping[str, Any]) -> Path:
         """Write ``run.json``: what the run found; nothing in it may differ when the run is repeated."""
-        self._write_json("run.json", values)
+        return self._write_json("run.json", values)
 
     def write_timings(self, values: Mapping[str, Any]) -> None:
         """Write ``timings.json``, the only place for what varies from run to run."""
@@ -230,7 +280,7 @@ class RunFolder:
         """Return what ``timings.json`` holds; `InputError` if it is missing or damaged."""
         return self._read_json("timings.json")
 
-    def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> None:
+    def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> list[Path]:
         """Write ``trajectory.tum`` and ``trajectory.kitti.txt``.
 
         Parameters
@@ -239,21 +289,27 @@ class RunFolder:
             Times, s.
         T_world_camera : (T, 4, 4) array
             Poses, camera to world, m.
+
+        Returns
+        -------
+        list of Path
+            The two files.
         """
-        tum = self.path / "trajectory.tum"
+        tum, kitti = self.path / "trajectory.tum", self.path / "trajectory.kitti.txt"
         self._writable(tum)
         write_tum(tum, stamp, T_world_camera)
-        write_kitti(self.path / "trajectory.kitti.txt", T_world_camera)
+        write_kitti(kitti, T_world_camera)
+        return [tum, kitti]
 
-    def _write_json(self, name: str, values: Mapping[str, Any]) -> None:
+    def _write_json(self, name: str, values: Mapping[str, Any]) -> Path:
         target = self.path / name
         self._writable(target)
         try:
-            text = json.dumps(values, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False)
-            data = (text + "\n").encode("utf-8")
+            data = (json.dumps(values, sort_keys=True, indent=1, allow_nan=False) + "\n").encode("ascii")
         except (TypeError, ValueError, RecursionError) as error:
             raise bad_input(target, f"cannot hold these values ({error})", "plain JSON, no NaN") from error
         write_bytes(target, data)
+        return target
 
     def _read_json(self, name: str) -> dict[str, Any]:
         target = self.path / name
@@ -318,8 +374,8 @@ def _read_config(folder: Path) -> dict[str, Any]:
 
 
 def _settle_config(folder: Path, config: dict[str, Any]) -> None:
-    """Write the settings into a new folder; hold them against those of an old one."""
-    if not _is_ours(folder):
+    """Write the settings into a folder without a finished unit; hold them against those of any other."""
+    if not _is_ours(folder) or not read_manifest(folder / _MANIFEST)[0]:
         write_bytes(folder / _CONFIG, _config.dump(config))
         return
     lines = _config.differences(_read_config(folder), config)
