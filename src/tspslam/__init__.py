@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from .topology.harmonic import tmahf as tmahf
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
+    from .types import Camera as Camera
     from .types import Cloud as Cloud
     from .types import Features as Features
+    from .types import RawRig as RawRig
     from .types import Response as Response
     from .types import Rig as Rig
     from .types import Signals as Signals
@@ -46,7 +48,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "errors": ("GeometryError", "InputError", "OutputError", "TspSlamError"),
-    "types": ("Cloud", "Features", "Response", "Rig", "Signals", "StereoPair", "Surface"),
+    "types": ("Camera", "Cloud", "Features", "RawRig", "Response", "Rig", "Signals", "StereoPair", "Surface"),
     "vision.reconstruct": ("reconstruct",),
     "vision.rig": ("load_rig",),
     "topology.surface": ("delaunay_surface",),

@@ -81,13 +81,89 @@ class Rig:
     doffs: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value, (low, high) = getattr(self, field.name), _RANGES.get(field.name, (-1e7, 1e7))
-            kind: Any
-            kind, said = (Integral, "a whole number") if isinstance(low, int) else (Real, "a number")
-            if isinstance(value, bool) or not (isinstance(value, kind) and low <= value <= high):
-                shown = repr(value)[:60]
-                raise InputError(f"rig: {field.name} is {shown}, expected {said} from {low:.8g} to {high:.8g}")
+        _check_numbers(self, "rig")
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with Brown's distortion, as it is before rectification.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths, px, positive.
+    cx, cy : float
+        Principal point, px.
+    width, height : int
+        Image size, px.
+    distortion : tuple of 5 floats
+        ``k1, k2, p1, p2, k3`` of OpenCV's model.
+    skew : float
+        px.
+
+    Raises
+    ------
+    InputError
+        If a value is no number in its range (as `Rig`; coefficients within 1e4 of 0).
+
+    Examples
+    --------
+    >>> Camera(fx=500, fy=500, cx=320, cy=240, width=640, height=480).distortion
+    (0.0, 0.0, 0.0, 0.0, 0.0)
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    skew: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_numbers(self, "camera")
+        if len(self.distortion) != 5:
+            raise InputError(f"camera: distortion has {len(self.distortion)} numbers, expected k1, k2, p1, p2, k3")
+        for name, value in zip(("k1", "k2", "p1", "p2", "k3"), self.distortion, strict=True):
+            _check_number("camera", name, value, -1e4, 1e4)
+
+
+@dataclass(frozen=True)
+class RawRig:
+    """Two cameras as they were calibrated: distorted, not rectified.
+
+    Attributes
+    ----------
+    left, right : Camera
+        The cameras.
+    T_right_left : 4 x 4 tuple of floats
+        Maps a point of the left camera's frame to the right camera's, m; for a camera on the right, ``x`` of its
+        translation is negative.
+
+    Raises
+    ------
+    InputError
+        If the rotation is none (to 1e-3), or the cameras are at one place.
+    """
+
+    left: Camera
+    right: Camera
+    T_right_left: tuple[tuple[float, float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        T = self.matrix
+        if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
+            raise InputError(f"raw rig: T_right_left is {T.tolist()}, expected 4 x 4 numbers with last row 0 0 0 1")
+        off = float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
+        if off > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
+            raise InputError(f"raw rig: T_right_left holds no rotation (R Rᵀ - I has {off:.2g}), expected one to 1e-3")
+        _check_number("raw rig", "distance of the cameras, m,", float(np.linalg.norm(T[:3, 3])), *_RANGES["baseline"])
+
+    @property
+    def matrix(self) -> FloatArray:
+        """``T_right_left`` as a (4, 4) float64 array."""
+        return np.array(self.T_right_left, np.float64)
 
 
 _RANGES: dict[str, tuple[float, float]] = {
@@ -97,6 +173,19 @@ _RANGES: dict[str, tuple[float, float]] = {
     "width": (1, 1_000_000),
     "height": (1, 1_000_000),
 }
+
+
+def _check_numbers(values: Rig | Camera, what: str) -> None:
+    for field in fields(values):
+        if field.name != "distortion":
+            _check_number(what, field.name, getattr(values, field.name), *_RANGES.get(field.name, (-1e7, 1e7)))
+
+
+def _check_number(what: str, name: str, value: Any, low: float, high: float) -> None:
+    kind: Any
+    kind, said = (Integral, "a whole number") if isinstance(low, int) else (Real, "a number")
+    if isinstance(value, bool) or not (isinstance(value, kind) and low <= value <= high):
+        raise InputError(f"{what}: {name} is {repr(value)[:60]}, expected {said} from {low:.8g} to {high:.8g}")
 
 
 @dataclass(frozen=True)
