@@ -358,7 +358,8 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "no-such-folder"], "no-such-folder"),
     (["export", "no-such-run"], "no-such-run"),
 ])  # fmt: skip
-def test_a_wrong_value_is_code_3(capsys, words, message):
+def test_a_wrong_value_is_code_3(capsys, words, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the default folder is below it
     code, line = complain(capsys, *words)
     assert code == 3
     assert message in line
