@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from tspslam import datasets
-from tspslam.vision.rig import save_rig
+from tspslam.vision.rig import save_cameras
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +33,7 @@ def pair_files(tmp_path, small_pair):
     left, right, rig = small_pair
     Image.fromarray(left).save(tmp_path / "left.png")
     Image.fromarray(right).save(tmp_path / "right.png")
-    save_rig(rig, tmp_path / "calib.yaml")
+    save_cameras(rig, tmp_path / "calib.yaml")
     return tmp_path
 
 
@@ -45,5 +45,5 @@ def sequence(tmp_path, small_pair):
         (tmp_path / "drive" / side).mkdir(parents=True)
         for k in range(3):
             Image.fromarray(np.roll(image, 0)).save(tmp_path / "drive" / side / f"{k:03d}.png")
-    save_rig(rig, tmp_path / "drive" / "calib.yaml")
+    save_cameras(rig, tmp_path / "drive" / "calib.yaml")
     return tmp_path / "drive"

@@ -14,8 +14,9 @@ import pytest
 from PIL import Image
 
 from tspslam import cli
-from tspslam.config import resolve
+from tspslam.config import KINDS, resolve
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
+from tspslam.vision.scale_space import SiftDetector
 
 
 def type_in(capsys, *words):
@@ -326,7 +327,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "a.png", "b.png"], "--calib"),
     (["run", "a", "b", "c"], "3 paths"),
     (["run", "--calib", "x.yaml"], "--calib"),
-    (["run", "--detector", "surf"], "'surf', expected orb"),
+    (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
@@ -353,6 +354,9 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "--set", "surface.significance=.nan"], "significance is nan"),
     (["run", "--set", "matcher.max_disparity=-50"], "max_disparity is -50 px, expected more than -31.086"),
     (["run", "--config", "/dev/zero"], "not a regular file"),
+    (["run", "--set", "detector.kind=surf"], "detector.kind is 'surf', expected one of orb, sift, brisk"),
+    (["run", "--set", "detector.kind=[1]"], "detector.kind is [1], expected one of"),
+    (["run", "--detector", "sift", "--set", "detector.levels=3"], "unknown setting 'detector.levels'; did you mean"),
     (["run", "--preset", "best"], "expected one of default, paper"),
     (["run", "--config", "missing.yaml"], "missing.yaml"),
     (["run", "no-such-folder"], "no-such-folder"),
@@ -404,6 +408,25 @@ def test_values_that_depend_on_each_other_are_set_together(capsys):
     words = ["--set", "matcher.min_disparity=50", "--set", "matcher.max_disparity=100"]
     rows = json.loads(type_in(capsys, "config", "show", "--preset", "paper", *words, "--json")[1])
     assert (rows["matcher.min_disparity"]["value"], rows["matcher.max_disparity"]["value"]) == (50, 100)
+
+
+def test_every_kind_of_stage_can_be_chosen_and_set():
+    for stage, kinds in KINDS.items():
+        for name, kind in kinds.items():
+            resolved = resolve(assignments=[f"{stage}.kind={name}"])
+            assert type(getattr(resolved.settings, stage)) is kind
+            assert resolved.nested[stage]["kind"] == name
+    resolved = resolve("paper", assignments=["detector.kind=sift", "detector.layers=4"])
+    assert resolved.settings.detector == SiftDetector(layers=4)
+    assert resolved.origin["matcher.kind"] == "preset paper"
+
+
+@pytest.mark.parametrize("detector", ["sift", "brisk"])
+def test_other_detectors_run_and_bind_the_folder(capsys, pair_files, detector):
+    assert run_pair(capsys, pair_files, "--detector", detector)[0] == 0
+    code, _, err = run_pair(capsys, pair_files)
+    assert code == 3
+    assert f'detector.kind was "{detector}" and is now "orb"' in err
 
 
 def test_whole_and_broken_numbers_are_the_same_setting():

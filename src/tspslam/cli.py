@@ -48,7 +48,7 @@ def run_command(
     calib: Annotated[Path | None, typer.Option(help="Calibration file of a pair.")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
-    detector: Annotated[str, typer.Option(help="Keypoint detector: orb.")] = "orb",
+    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift or brisk.")] = None,
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -58,9 +58,11 @@ def run_command(
     from . import config as configuration
     from . import pipeline
 
-    if detector != "orb":
-        raise typer.BadParameter(f"{detector!r}, expected orb", param_hint="--detector")
-    resolved = configuration.resolve(preset, config, assignments or [])
+    known = configuration.KINDS["detector"]
+    if detector not in (None, *known):
+        raise typer.BadParameter(f"{detector!r}, expected one of {', '.join(known)}", param_hint="--detector")
+    chosen = [f"detector.kind={detector}"] if detector else []
+    resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     pairs = _open_source(source or [], calib)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name

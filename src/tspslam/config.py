@@ -15,9 +15,21 @@ from ._yaml import parse_yaml, read_yaml
 from .errors import InputError
 from .session import Settings
 from .topology.harmonic import Tmahf
+from .topology.surface import DelaunaySurface
+from .vision.descriptors import DescriptorMatcher
+from .vision.matching import RowMatcher
+from .vision.orb import OrbDetector
 from .vision.reconstruct import PAPER_MATCHER
+from .vision.scale_space import BriskDetector, SiftDetector
 
 PRESETS = ("default", "paper")
+KINDS: dict[str, dict[str, type]] = {
+    "detector": {"orb": OrbDetector, "sift": SiftDetector, "brisk": BriskDetector},
+    "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher},
+    "surface": {"delaunay": DelaunaySurface},
+    "filter": {"tmahf": Tmahf},
+}
+"""What each stage can be, by the name that its setting ``kind`` has."""
 _TOO_LARGE = 1 << 63
 
 
@@ -72,28 +84,51 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     >>> resolve(assignments=["filter.order=2"]).values["filter.order"]
     2
     """
-    start = _preset(preset)
-    values = flatten(start)
-    origin = dict.fromkeys(values, "default")
-    if preset != "default":
-        plain = flatten(Settings())
-        origin |= {name: f"preset {preset}" for name, value in values.items() if value != plain[name]}
-    kinds = _kinds(start)
     given = [(str(file), name, value) for name, value in (_read(file) if file else {}).items()]
     given += [("--set", *_split(assignment)) for assignment in assignments]
+    start = _with_kinds(_preset(preset), given)
+    values = flatten(start)
+    plain = flatten(Settings())
+    origin = {
+        name: "default" if value == plain.get(name, value) else f"preset {preset}" for name, value in values.items()
+    }
+    types = _types(start)
     for source, name, value in given:
-        values[name] = _checked(name, value, kinds, source)
+        values[name] = _checked(name, value, types, source)
         origin[name] = source
     return Resolved(_rebuilt(start, values, origin), origin)
 
 
-def flatten(settings: Any, prefix: str = "") -> dict[str, Any]:
-    """Each value of the settings by its dotted name."""
+def flatten(settings: Settings) -> dict[str, Any]:
+    """Each value of the settings by its dotted name; ``stage.kind`` is what the stage is."""
     flat: dict[str, Any] = {}
-    for part in fields(settings):
-        value, name = getattr(settings, part.name), prefix + part.name
-        flat |= flatten(value, f"{name}.") if is_dataclass(value) else {name: value}
+    for stage, kinds in KINDS.items():
+        chosen = getattr(settings, stage)
+        flat[f"{stage}.kind"] = next(name for name, kind in kinds.items() if kind is type(chosen))
+        flat |= _flatten(chosen, f"{stage}.")
     return flat
+
+
+def _flatten(part: Any, prefix: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for each in fields(part):
+        value, name = getattr(part, each.name), prefix + each.name
+        flat |= _flatten(value, f"{name}.") if is_dataclass(value) else {name: value}
+    return flat
+
+
+def _with_kinds(settings: Settings, given: list[tuple[str, str, Any]]) -> Settings:
+    """Settings whose stages are of the kinds asked for, with their defaults where that changes a stage."""
+    for source, name, value in given:
+        stage, _, key = name.partition(".")
+        if key != "kind" or stage not in KINDS:
+            continue
+        if not isinstance(value, str) or value not in KINDS[stage]:
+            shown = one_line(repr(value))[:80]
+            raise InputError(f"{source}: {name} is {shown}, expected one of {', '.join(KINDS[stage])}")
+        if type(getattr(settings, stage)) is not KINDS[stage][value]:
+            settings = replace(settings, **{stage: KINDS[stage][value]()})
+    return settings
 
 
 def _preset(name: str) -> Settings:
@@ -132,27 +167,34 @@ def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield f"{prefix}{key}", value
 
 
-def _kinds(settings: Any, prefix: str = "") -> dict[str, Any]:
+def _types(settings: Settings) -> dict[str, Any]:
     """Type of each value by its dotted name."""
-    kinds: dict[str, Any] = {}
-    hints = get_type_hints(type(settings))
-    for part in fields(settings):
-        value, name = getattr(settings, part.name), prefix + part.name
-        kinds |= _kinds(value, f"{name}.") if is_dataclass(value) else {name: hints[part.name]}
-    return kinds
+    types: dict[str, Any] = {}
+    for stage in KINDS:
+        types |= {f"{stage}.kind": str} | _part_types(getattr(settings, stage), f"{stage}.")
+    return types
 
 
-def _checked(name: str, value: Any, kinds: dict[str, Any], source: str) -> Any:
-    if name not in kinds:
-        near = difflib.get_close_matches(name, kinds, 1, 0.5)
-        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(kinds)}"
+def _part_types(part: Any, prefix: str) -> dict[str, Any]:
+    types: dict[str, Any] = {}
+    hints = get_type_hints(type(part))
+    for each in fields(part):
+        value, name = getattr(part, each.name), prefix + each.name
+        types |= _part_types(value, f"{name}.") if is_dataclass(value) else {name: hints[each.name]}
+    return types
+
+
+def _checked(name: str, value: Any, types: dict[str, Any], source: str) -> Any:
+    if name not in types:
+        near = difflib.get_close_matches(name, types, 1, 0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(types)}"
         raise InputError(f"{source}: unknown setting {one_line(repr(name))[:80]}; {hint}")
     try:
-        return _fitted(value, kinds[name])
+        return _fitted(value, types[name])
     except TypeError as error:
         is_huge = isinstance(value, int) and abs(value) >= _TOO_LARGE
         shown = "a number too large" if is_huge else one_line(repr(value))[:80]
-        raise InputError(f"{source}: {name} is {shown}, expected {_describe(kinds[name])}") from error
+        raise InputError(f"{source}: {name} is {shown}, expected {_describe(types[name])}") from error
 
 
 def _rebuilt(part: Any, values: dict[str, Any], origin: dict[str, str], prefix: str = "") -> Any:

@@ -12,8 +12,8 @@ from .topology.harmonic import Tmahf
 from .topology.surface import DelaunaySurface
 from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface
-from .vision.features import OrbDetector
 from .vision.matching import RowMatcher
+from .vision.orb import OrbDetector
 from .vision.reconstruct import Detector, Matcher, StereoQuality, reconstruct_with_quality
 
 

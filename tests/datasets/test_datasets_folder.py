@@ -9,7 +9,7 @@ from tspslam.datasets import StereoFolder, pair_from_files
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.types import Rig
-from tspslam.vision.rig import save_rig
+from tspslam.vision.rig import save_cameras
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
 
@@ -19,7 +19,7 @@ def fill(folder: Path, left: list[str], right: list[str]) -> Path:
         (folder / side).mkdir()
         for value, name in enumerate(names):
             write_png(folder / side / name, np.full((10, 20), value, np.uint8))
-    save_rig(RIG, folder / "calib.yaml")
+    save_cameras(RIG, folder / "calib.yaml")
     return folder
 
 
@@ -77,7 +77,7 @@ def test_incomplete_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "right").mkdir()
     with pytest.raises(InputError, match=r"calib\.yaml: cannot be opened"):
         StereoFolder(tmp_path)
-    save_rig(RIG, tmp_path / "calib.yaml")
+    save_cameras(RIG, tmp_path / "calib.yaml")
     with pytest.raises(InputError, match="0 files in left/ and 0 in right/ have no name in common"):
         StereoFolder(tmp_path)
 

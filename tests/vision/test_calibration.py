@@ -2,16 +2,18 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tspslam._yaml import LARGEST_FILE
 from tspslam.errors import InputError, OutputError
-from tspslam.types import Rig
-from tspslam.vision.rig import load_rig, save_rig
+from tspslam.types import Camera, RawRig, Rig
+from tspslam.vision.calibration import load_cameras, load_rig, save_cameras
 
 GOOD = {"fx": "500.0", "fy": "500", "cx": "320", "cy": "240", "baseline": "0.1", "width": "640", "height": "480"}
 
@@ -24,6 +26,34 @@ def write(folder: Path, text: str | bytes) -> Path:
 
 def lines(**changes: str | None) -> str:
     return "".join(f"{key}: {value}\n" for key, value in {**GOOD, **changes}.items() if value is not None)
+
+
+def raw(**changes: str | None) -> str:
+    parts: dict[str, str | None] = {
+        "left": "{distortion: [-0.3, 0.1, 0, 0]}",
+        "right": "{fx: 501, fy: 502, cx: 321, cy: 239, distortion: [-0.2, 0.1, 0.001, 0, 0.01]}",
+        "T_right_left": "[[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+    }
+    return lines(**(parts | changes))
+
+
+def test_raw_cameras_are_read(tmp_path: Path) -> None:
+    cameras = load_cameras(write(tmp_path, raw()))
+    assert isinstance(cameras, RawRig)
+    assert cameras.left == Camera(500, 500, 320, 240, 640, 480, (-0.3, 0.1, 0, 0, 0))
+    assert cameras.right == Camera(501, 502, 321, 239, 640, 480, (-0.2, 0.1, 0.001, 0, 0.01))
+    assert cameras.T_right_left[0] == (1, 0, 0, -0.1)
+    assert load_cameras(write(tmp_path, raw(baseline=None))) == cameras
+    with pytest.raises(InputError, match=r"describes raw cameras .*, expected a rectified pair"):
+        load_rig(write(tmp_path, raw()))
+
+
+def test_loading_inverts_saving_of_raw_cameras(tmp_path: Path) -> None:
+    left = Camera(500.25, 499.0, 320.0, 240.0, 640, 480, (-0.3, 1e-5, 0.0, 0.0, 0.0), skew=0.5)
+    turn = np.array([[0.8, -0.6, 0, -0.1], [0.6, 0.8, 0, 0.01], [0, 0, 1, 0], [0, 0, 0, 1]])
+    cameras = RawRig(left, replace(left, cx=np.float64(330.5)), tuple(map(tuple, turn.tolist())))
+    save_cameras(cameras, tmp_path / "c.yaml")
+    assert load_cameras(tmp_path / "c.yaml") == cameras
 
 
 def test_plain_numbers_are_read(tmp_path: Path) -> None:
@@ -47,7 +77,7 @@ size = st.integers(1, 1_000_000)
 @settings(max_examples=50, deadline=None)
 def test_loading_inverts_saving(rig: Rig) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        save_rig(rig, Path(folder, "c.yaml"))
+        save_cameras(rig, Path(folder, "c.yaml"))
         assert load_rig(Path(folder, "c.yaml")) == rig
 
 
@@ -68,8 +98,21 @@ def test_loading_inverts_saving(rig: Rig) -> None:
         (lines(focal="3"), "unknown key 'focal'; expected"),
         (lines(basline="3"), "unknown key 'basline'; did you mean baseline"),
         (lines(**{"1": "3"}), "unknown key '1'"),
-        (lines(left="{distortion: [1]}"), "raw pairs are not supported yet"),
-        (lines(T_right_left="[1]"), "raw pairs are not supported yet"),
+        (lines(left="{distortion: [1]}"), "lacks right, T_right_left"),
+        (lines(T_right_left="[1]"), "lacks left, right"),
+        (raw(left="3"), "left is 3, expected a mapping"),
+        (raw(left="{distortion: [1, 2]}"), r"left.distortion is \[1, 2\], expected \[k1, k2, p1, p2, k3\]"),
+        (raw(left="{distortion: [1, 2, 3, x, 5]}"), "left.distortion is 'x', expected a number"),
+        (raw(left="{distortion: [1e9, 0, 0, 0, 0]}"), "left camera: k1 is 1000000000.0, expected a number from"),
+        (raw(left="{k1: 3}"), "left: unknown key 'k1'"),
+        (raw(right="{fx: 500}"), "right: lacks fy, cx, cy"),
+        (raw(right="{fx: -1, fy: 500, cx: 1, cy: 1}"), "right camera: fx is -1.0, expected a number from 0.001"),
+        (raw(T_right_left="[[1, 0, 0, 0]]"), "T_right_left is .* expected four rows of four numbers"),
+        (raw(T_right_left="[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"), "distance of the cameras"),
+        (raw(T_right_left="[[2, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"), "no rotation"),
+        (raw(T_right_left="[[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]"), "last row 0 0 0 1"),
+        (raw(baseline="0.2"), "baseline is 0.2 m, but T_right_left moves by 0.1 m"),
+        (raw(doffs="3"), "unknown key 'doffs'"),
         (lines(fx=None, cy=None), "lacks fx, cy"),
         (lines(fx="'500'"), "fx is '500', expected a number without quotes"),
         (lines(fx="wide"), "fx is 'wide', expected a number"),
@@ -119,7 +162,7 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
 
 def test_saving_into_nowhere_is_an_output_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
-        save_rig(Rig(1, 1, 1, 1, 1, 1, 1), tmp_path / "none" / "calib.yaml")
+        save_cameras(Rig(1, 1, 1, 1, 1, 1, 1), tmp_path / "none" / "calib.yaml")
 
 
 WORDS = """skew left : - 1 640 . e5 !!int &a *a { } [ ] ' " 0x1F 1:30 << ? | > .inf .nan = ~ \u2028 \x00"""

@@ -6,7 +6,9 @@ import pytest
 from tspslam.errors import InputError
 from tspslam.types import StereoPair
 from tspslam.vision._corners import orientations, segment_scores
-from tspslam.vision.features import OrbDetector, _strongest_first, grey_levels, luminance_levels
+from tspslam.vision.features import _strongest_first, grey_levels, luminance_levels
+from tspslam.vision.orb import OrbDetector
+from tspslam.vision.scale_space import BriskDetector, SiftDetector
 
 from .conftest import noise
 
@@ -30,72 +32,89 @@ def test_other_images_are_refused(image: np.ndarray) -> None:
         grey_levels(image)
 
 
-def test_motorcycle_gives_all_the_keypoints_wanted_within_the_image(pair: StereoPair) -> None:
-    features = OrbDetector(count=2000)(grey_levels(pair.left))
-    assert features.uv.shape == (2000, 2)
-    assert features.descriptor.shape == (2000, 32)
-    assert features.descriptor.dtype == np.uint8
+DETECTORS = {"orb": OrbDetector, "sift": SiftDetector, "brisk": BriskDetector}
+every = pytest.mark.parametrize("kind", DETECTORS.values(), ids=DETECTORS)
+
+
+@every
+def test_motorcycle_gives_all_the_keypoints_wanted_within_the_image(pair: StereoPair, kind: type) -> None:
+    features = kind(count=1500)(grey_levels(pair.left))
+    assert features.uv.shape == (1500, 2)
+    size, dtype = {OrbDetector: (32, np.uint8), SiftDetector: (128, np.float32), BriskDetector: (64, np.uint8)}[kind]
+    assert (features.descriptor.shape, features.descriptor.dtype) == ((1500, size), dtype)
     assert (features.uv >= 0).all()
     assert (features.uv <= (740, 499)).all()
-    assert features.score.shape == features.scale.shape == features.angle.shape == (2000,)
+    assert features.score.shape == features.scale.shape == features.angle.shape == (1500,)
     assert features.scale.min() == 1
     assert np.ptp(features.angle) > 3
 
 
-def test_keypoints_are_spread_more_evenly_than_by_score_alone(pair: StereoPair) -> None:
+@every
+def test_keypoints_are_spread_more_evenly_than_by_score_alone(pair: StereoPair, kind: type) -> None:
     def empty_cells(uv: np.ndarray) -> int:
         counts = np.histogram2d(uv[:, 0], uv[:, 1], bins=(15, 10), range=((0, 741), (0, 500)))[0]
         return int((counts == 0).sum())
 
     grey = grey_levels(pair.left)
-    even, crowded = OrbDetector()(grey), OrbDetector(per_cell=1000)(grey)
-    assert empty_cells(even.uv) <= 8
-    assert empty_cells(crowded.uv) > 3 * empty_cells(even.uv)
+    even, crowded = kind(count=1500)(grey), kind(count=1500, per_cell=1000, spacing=0)(grey)
+    assert empty_cells(even.uv) <= 16
+    assert empty_cells(crowded.uv) > 2 * empty_cells(even.uv)
 
 
-def test_no_two_keypoints_start_on_one_pixel(pair: StereoPair) -> None:
-    features = OrbDetector()(grey_levels(pair.left))
-    assert len(np.unique(np.floor(features.uv + 0.5), axis=0)) == 2000
+@every
+def test_no_two_keypoints_start_on_one_pixel(pair: StereoPair, kind: type) -> None:
+    features = kind()(grey_levels(pair.left))
+    assert len(np.unique(np.floor(features.uv + 0.5), axis=0)) == len(features.uv) > 1900
 
 
-def test_a_blob_is_found_at_its_centre_on_every_octave() -> None:
+@pytest.mark.parametrize("kind", [OrbDetector, SiftDetector])
+def test_a_blob_is_found_at_its_centre_on_every_octave(kind: type) -> None:
     v, u = np.mgrid[:200, :240]
     grey = (30 + 200 * np.exp(-((u - 120) ** 2 + (v - 100) ** 2) / (2 * 6**2))).round().astype(np.uint8)
-    features = OrbDetector(count=50)(grey)
+    features = kind(count=50)(grey)
     near = np.abs(features.uv - (120, 100)).max(axis=1) <= 1 + features.scale
     assert (near & (features.scale > 2)).any()
 
 
-def test_detection_is_deterministic(pair: StereoPair) -> None:
+@every
+def test_detection_is_deterministic(pair: StereoPair, kind: type) -> None:
     grey = grey_levels(pair.right)
-    first, second = OrbDetector()(grey), OrbDetector()(grey)
+    first, second = kind()(grey), kind()(grey)
     for name in ("uv", "descriptor", "score", "scale", "angle"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (10, 10), (44, 44), (60, 50), (37, 400), (120, 160)])
-def test_any_size_works_with_and_without_texture(shape: tuple[int, int]) -> None:
-    flat = OrbDetector()(np.full(shape, 128, np.uint8))
+@every
+def test_any_size_works_with_and_without_texture(shape: tuple[int, int], kind: type) -> None:
+    rough = kind()(noise(*shape))
+    flat = kind()(np.full(shape, 128, np.uint8))
     assert flat.uv.shape == (0, 2)
-    assert flat.descriptor.shape == (0, 32)
-    rough = OrbDetector()(noise(*shape))
-    assert (len(rough.uv) > 0) == (min(shape) >= 44)
+    assert (flat.descriptor.dtype, flat.descriptor.shape[1]) == (rough.descriptor.dtype, rough.descriptor.shape[1])
+    assert len(rough.uv) > 0 or min(shape) < 60
+    assert len(rough.uv) == len(rough.descriptor) == len(rough.angle)
     assert (rough.uv <= (shape[1] - 1, shape[0] - 1)).all()
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("count", 0), ("scale_factor", 1.0), ("levels", 0), ("fast_threshold", 0), ("per_cell", 0)],
-)
-def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"orb: {name} is"):
-        OrbDetector(**{name: value})  # type: ignore[arg-type]
+    ("kind", "name", "value"),
+    [
+        ("orb", "count", 0), ("orb", "scale_factor", 1.0), ("orb", "levels", 0), ("orb", "fast_threshold", 0),
+        ("orb", "per_cell", 0), ("sift", "count", 0), ("sift", "layers", 0), ("sift", "sigma", 0.1),
+        ("sift", "contrast_threshold", -1), ("sift", "edge_threshold", 0.5), ("brisk", "threshold", 255),
+        ("brisk", "octaves", 9), ("brisk", "spacing", 1.5),
+    ],
+)  # fmt: skip
+def test_settings_out_of_range_are_refused(kind: str, name: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"{kind}: {name} is"):
+        DETECTORS[kind](**{name: value})
 
 
 @pytest.mark.parametrize("image", [np.zeros((50, 50), np.float32), np.zeros((50, 50, 3), np.uint8)])
-def test_detector_wants_a_grey_plane(image: np.ndarray) -> None:
+@every
+def test_detector_wants_a_grey_plane(image: np.ndarray, kind: type) -> None:
     with pytest.raises(InputError, match="uint8"):
-        OrbDetector()(image)
+        kind()(image)
 
 
 def test_corner_score_is_that_of_the_plain_segment_test() -> None:

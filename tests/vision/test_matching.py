@@ -7,11 +7,12 @@ import pytest
 from skimage import data
 
 from tspslam.errors import InputError
-from tspslam.types import Features, StereoPair
+from tspslam.types import Features, Rig, StereoPair
 from tspslam.vision.consistency import supported
-from tspslam.vision.features import OrbDetector, grey_levels
-from tspslam.vision.hamming import HammingMatcher, median_and_spread, survey_disparities
+from tspslam.vision.descriptors import DescriptorMatcher, median_and_spread, survey_disparities
+from tspslam.vision.features import grey_levels
 from tspslam.vision.matching import RowMatcher
+from tspslam.vision.orb import OrbDetector
 from tspslam.vision.windows import Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
 
 from .conftest import noise
@@ -27,6 +28,11 @@ def detect(pair: StereoPair) -> tuple[Features, Features]:
 def features_at(uv: np.ndarray, descriptor: np.ndarray) -> Features:
     ones = np.ones(len(uv), np.float32)
     return Features(np.asarray(uv, np.float64), descriptor, ones, ones, ones)
+
+
+def blank_pair(height: int, width: int) -> StereoPair:
+    rig = Rig(fx=100, fy=100, cx=0, cy=0, baseline=0.1, width=width, height=height)
+    return StereoPair(np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8), rig)
 
 
 def plain_nearest(left: Features, right: Features, low: float, high: float) -> set[tuple[int, int]]:
@@ -48,37 +54,55 @@ def test_descriptor_matches_are_the_mutual_nearest_of_exhaustive_search() -> Non
     order = rng.permutation(80)
     left = features_at(uv, words)
     right = features_at((uv - (7, 0) + rng.normal(0, 0.8, (80, 2)))[order], changed[order].astype(np.uint8))
-    i, j = HammingMatcher(max_hamming=45, ratio=1.0).pairs(left, right, 60, 0, 30)
+    i, j = DescriptorMatcher(max_hamming=45, ratio=1.0).pairs(left, right, 60, 0, 30)
     assert set(zip(i.tolist(), j.tolist(), strict=True)) == plain_nearest(left, right, 0, 30)
     assert len(i) > 40
+
+
+def test_real_descriptors_match_by_their_euclidean_distance() -> None:
+    rng = np.random.default_rng(4)
+    uv = np.column_stack([rng.permutation(60) * 2.0, rng.integers(0, 40, 60)])
+    values = rng.normal(size=(60, 16)).astype(np.float32)
+    order = rng.permutation(60)
+    left = features_at(uv, values)
+    right = features_at((uv - (6, 0))[order], (values + rng.normal(0, 0.1, (60, 16)).astype(np.float32))[order])
+    i, j = DescriptorMatcher(ratio=1.0).pairs(left, right, 40, 0, 30)
+    assert np.array_equal(order[j], i)
+    assert len(i) == 60
+    assert len(DescriptorMatcher(max_l2=0.01).pairs(left, right, 40, 0, 30)[0]) == 0
+    matches = DescriptorMatcher(ratio=1.0)(left, right, blank_pair(40, 200))
+    assert 0.8 < matches.score.min() < matches.score.max() < 1
 
 
 def test_ambiguous_descriptors_do_not_match() -> None:
     word = np.zeros((1, 32), np.uint8)
     left, right = features_at([[50.0, 5]], word), features_at([[40.0, 5], [30.0, 5]], np.repeat(word, 2, axis=0))
-    assert len(HammingMatcher().pairs(left, right, 10, 0, 60)[0]) == 0
+    assert len(DescriptorMatcher().pairs(left, right, 10, 0, 60)[0]) == 0
     alone = features_at([[40.0, 5]], word)
-    assert len(HammingMatcher().pairs(left, alone, 10, 0, 60)[0]) == 1
+    assert len(DescriptorMatcher().pairs(left, alone, 10, 0, 60)[0]) == 1
 
 
 def test_descriptors_of_other_kinds_are_refused(pair: StereoPair) -> None:
     uv = np.array([[50.0, 5]])
     binary, real = features_at(uv, np.zeros((1, 32), np.uint8)), features_at(uv, np.zeros((1, 32), np.float32))
-    with pytest.raises(InputError, match="binary"):
-        HammingMatcher()(real, real, pair)
-    with pytest.raises(InputError, match=r"\(32,\) on the left and \(16,\) on the right"):
-        HammingMatcher()(binary, features_at(uv, np.zeros((1, 16), np.uint8)), pair)
+    whole = features_at(uv, np.zeros((1, 32), np.int64))
+    with pytest.raises(InputError, match=r"int64 of shape \(32,\), expected rows of uint8 or float32"):
+        DescriptorMatcher()(whole, whole, pair)
+    with pytest.raises(InputError, match=r"uint8 of shape \(32,\) on the left and float32"):
+        DescriptorMatcher()(binary, real, pair)
+    with pytest.raises(InputError, match=r"\(32,\) on the left and uint8 of shape \(16,\) on the right"):
+        DescriptorMatcher()(binary, features_at(uv, np.zeros((1, 16), np.uint8)), pair)
 
 
 def test_survey_finds_the_range_of_disparities(pair: StereoPair) -> None:
-    (low, high), i, _ = survey_disparities(HammingMatcher(), *detect(pair), pair)
+    (low, high), i, _ = survey_disparities(DescriptorMatcher(), *detect(pair), pair)
     assert -5 < low < 8
     assert 60 < high < 75
     assert len(i) > 100
 
 
 def test_survey_stays_within_the_limits_given(pair: StereoPair) -> None:
-    (low, high), _, _ = survey_disparities(HammingMatcher(20.0, 10.0), *detect(pair), pair)
+    (low, high), _, _ = survey_disparities(DescriptorMatcher(20.0, 10.0), *detect(pair), pair)
     assert 10 <= low < high <= 20
 
 
@@ -119,7 +143,7 @@ def test_row_search_finds_what_has_no_keypoint_on_the_right(pair: StereoPair) ->
 
 
 def test_matches_obey_the_limits(pair: StereoPair) -> None:
-    for matcher in (RowMatcher(max_disparity=30, min_disparity=12), HammingMatcher(30.0, 12.0)):
+    for matcher in (RowMatcher(max_disparity=30, min_disparity=12), DescriptorMatcher(30.0, 12.0)):
         disparity = matcher(*detect(pair), pair).disparity
         assert len(disparity) > 20
         assert disparity.min() >= 12
@@ -187,20 +211,20 @@ def test_median_and_spread_of_a_normal_sample_are_its_parameters() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("row_tolerance", -1), ("max_hamming", -1), ("ratio", 1.5), ("max_disparity", np.nan), ("min_disparity", np.inf),
+    [("row_tolerance", -1), ("max_hamming", -1), ("max_l2", 3.0), ("ratio", 1.5), ("max_disparity", np.nan), ("min_disparity", np.inf),
      ("min_correlation", 1.0), ("uniqueness", -0.1), ("max_disagreement", -1), ("max_gain", 0.5)],
 )  # fmt: skip
 def test_matcher_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"matcher: {name} is"):
         RowMatcher(**{name: value})  # type: ignore[arg-type]
-    if hasattr(HammingMatcher, name):
+    if hasattr(DescriptorMatcher, name):
         with pytest.raises(InputError, match=f"matcher: {name} is"):
-            HammingMatcher(**{name: value})  # type: ignore[arg-type]
+            DescriptorMatcher(**{name: value})  # type: ignore[arg-type]
 
 
 def test_limits_in_the_wrong_order_are_refused() -> None:
     with pytest.raises(InputError, match="at most max_disparity"):
-        HammingMatcher(max_disparity=5, min_disparity=6)
+        DescriptorMatcher(max_disparity=5, min_disparity=6)
 
 
 @pytest.mark.parametrize(("name", "value"), [("radius", 0), ("radius", 16), ("contrast", -1.0), ("contrast", np.nan)])

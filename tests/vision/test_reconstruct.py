@@ -10,11 +10,11 @@ import pytest
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import GeometryError, InputError
 from tspslam.types import Features, Rig, StereoPair
-from tspslam.vision import _parallel, hamming, matching, reconstruct
-from tspslam.vision.features import OrbDetector
-from tspslam.vision.hamming import HammingMatcher
+from tspslam.vision import _parallel, descriptors, matching, reconstruct
+from tspslam.vision.descriptors import DescriptorMatcher
 from tspslam.vision.matches import Matches
 from tspslam.vision.matching import RowMatcher
+from tspslam.vision.orb import OrbDetector
 from tspslam.vision.reconstruct import reconstruct_with_quality
 from tspslam.vision.rig import covariance, project
 from tspslam.vision.triangulate import triangulate
@@ -60,7 +60,7 @@ def test_result_does_not_depend_on_threads(pair: StereoPair, monkeypatch: pytest
         return function(items[0]), function(items[1])
 
     two = reconstruct.reconstruct(pair)
-    for module in (_parallel, hamming, matching, reconstruct):
+    for module in (_parallel, descriptors, matching, reconstruct):
         monkeypatch.setattr(module, "both", one_by_one)
     one = reconstruct.reconstruct(pair)
     for name in ("xyz", "uv", "disparity", "covariance"):
@@ -72,7 +72,7 @@ def test_paper_preset_is_plain_hamming_up_to_48_px(pair: StereoPair) -> None:
     assert quality.by_row_search == 0
     assert len(cloud) > 300
     assert cloud.disparity.max() <= 48
-    same = reconstruct.reconstruct(pair, matcher=HammingMatcher(max_disparity=48))
+    same = reconstruct.reconstruct(pair, matcher=DescriptorMatcher(max_disparity=48))
     assert same.xyz.tobytes() == cloud.xyz.tobytes()
     assert reconstruct.reconstruct(pair, preset="paper", max_disparity=20).disparity.max() <= 20
 

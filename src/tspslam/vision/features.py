@@ -1,20 +1,24 @@
-"""Keypoints with descriptors, spread evenly over the image."""
+"""What detectors share: grey levels, and the choice of keypoints that spreads them evenly."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..types import Features
+from ..types import Features, FloatArray
+
+SPREAD_RANGES: dict[str, tuple[float, float]] = {
+    "count": (1, 1_000_000),
+    "per_cell": (0.1, 1000.0),
+    "spacing": (0.0, 1.0),
+}
+"""Ranges of the settings that `choose_evenly` takes."""
 
 _TO_GREY_LEVELS = {"u1": 1.0, "u2": 1 / 257, "f4": 255.0, "f8": 255.0}
-_EDGE = 19  # px at each level that ORB needs around a keypoint
-_PATCH = 31  # px, diameter of ORB's patch
 
 
 def grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -84,166 +88,74 @@ def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
     return np.clip(plane, 0, 255, out=plane)
 
 
-@dataclass(frozen=True)
-class OrbDetector:
-    """ORB keypoints and descriptors (Rublee et al. 2011), spread evenly over the image.
+def choose_evenly(
+    uv: FloatArray,
+    strength: NDArray[np.float32],
+    shape: tuple[int, ...],
+    count: int,
+    *,
+    per_cell: float = 6.0,
+    spacing: float = 0.5,
+) -> NDArray[np.int64]:
+    """Choose keypoints that are strong and spread over the image.
 
-    Corners are peaks of the FAST segment test on each octave, ranked by Harris response and oriented by the centroid
-    of their neighbourhood. The image is cut into square cells, which take turns in giving their best remaining corner
-    until `count` are found. Of corners close to each other, at whatever octave, the strongest stays.
+    The image is cut into square cells, which take turns in giving their strongest remaining keypoint until `count`
+    are chosen. Of keypoints close to each other the strongest stays.
 
     Parameters
     ----------
+    uv : (N, 2) float64
+        Positions, px, inside the image.
+    strength : (N,) float32
+        Detector response, not negative.
+    shape : (H, W)
+        Size of the image, px.
     count : int
-        Keypoints wanted; fewer are returned where there is less texture.
-    scale_factor : float
-        Ratio of neighbouring octaves, above 1.
-    levels : int
-        Octaves.
-    fast_threshold : int
-        Contrast of a corner, grey levels.
+        How many are wanted.
     per_cell : float
-        Keypoints a cell holds in the mean; smaller spreads more evenly.
+        How many a cell gives in the mean; smaller spreads more evenly.
     spacing : float
-        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
+        Least distance of two, as a share of ``sqrt(H W / count)``, the distance in a regular grid.
 
-    Raises
-    ------
-    InputError
-        If a parameter is out of its range.
+    Returns
+    -------
+    (M,) int64
+        Ascending rows of `uv`, M <= count.
 
     Examples
     --------
-    >>> noise = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    >>> features = OrbDetector(count=100)(noise)
-    >>> features.uv.shape, features.descriptor.shape
-    ((100, 2), (100, 32))
+    >>> uv = np.array([[5.0, 5.0], [6.0, 5.0], [50.0, 50.0]])
+    >>> choose_evenly(uv, np.array([1, 2, 0.1], np.float32), (60, 60), 2).tolist()
+    [1, 2]
     """
+    from ._corners import spread
 
-    count: int = 2000
-    scale_factor: float = 1.2
-    levels: int = 8
-    fast_threshold: int = 7
-    per_cell: float = 6.0
-    spacing: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        ranges = {
-            "count": (1, 1_000_000),
-            "scale_factor": (1.01, 4.0),
-            "levels": (1, 16),
-            "fast_threshold": (1, 254),
-            "per_cell": (0.1, 1000.0),
-            "spacing": (0.0, 1.0),
-        }
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"orb: {name} is {value}, expected {low} to {high}")
-
-    def __call__(self, grey: NDArray[np.uint8]) -> Features:
-        """Detect keypoints.
-
-        Parameters
-        ----------
-        grey : (H, W) uint8
-            Luminance.
-
-        Returns
-        -------
-        Features
-            At most `count`, sorted by octave; descriptors (N, 32) uint8. Empty where there is no texture.
-
-        Raises
-        ------
-        InputError
-            If the image is not a plane of uint8.
-        """
-        if grey.ndim != 2 or grey.dtype != np.uint8:
-            raise InputError(f"orb: image is {grey.dtype} of shape {grey.shape}, expected (H, W) uint8")
-        planes = self._pyramid(np.ascontiguousarray(grey))
-        corners = self._choose(_all_corners(planes, self.fast_threshold), grey.shape)
-        if len(corners.xy) == 0:
-            return _no_features()
-        return self._describe(grey, corners, _orientations(planes, corners))
-
-    def _pyramid(self, grey: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """Octaves that are larger than the margins, each resampled from the one before."""
-        import cv2
-
-        planes: list[NDArray[np.uint8]] = []
-        level: Any = grey
-        for octave in range(self.levels):
-            height, width = (round(side / self.scale_factor**octave) for side in grey.shape)
-            if min(height, width) < 2 * _EDGE + 6:
-                break
-            if octave:
-                level = cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR_EXACT)
-            planes.append(level)
-        return planes
-
-    def _choose(self, corners: _Corners, shape: tuple[int, ...]) -> _Corners:
-        """Spread choice of the corners, sorted by octave."""
-        from ._corners import spread
-
-        height, width = shape
-        uv = np.minimum(_full_size(corners, self.scale_factor), (width - 1, height - 1))
-        order = _strongest_first(corners.strength)
-        apart = math.sqrt(height * width / self.count)
-        side = max(8.0, apart * math.sqrt(self.per_cell))
-        chosen = np.sort(spread(uv, order, side, int(self.spacing * apart), width, height, self.count))
-        return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
-
-    def _describe(self, grey: NDArray[np.uint8], corners: _Corners, angle: NDArray[np.float64]) -> Features:
-        """ORB's descriptors of the blurred octaves."""
-        import cv2
-
-        scale = self.scale_factor ** corners.octave.astype(np.float64)
-        # OpenCV places a keypoint at its level coordinates times the scale.
-        places = corners.xy * scale[:, None]
-        columns = places[:, 0], places[:, 1], scale * _PATCH, np.degrees(angle), corners.strength, corners.octave
-        keypoints = list(map(cv2.KeyPoint, *(column.tolist() for column in columns)))
-        orb = cv2.ORB.create(
-            scaleFactor=self.scale_factor, nlevels=int(corners.octave.max()) + 1, edgeThreshold=_EDGE, patchSize=_PATCH
-        )
-        described, descriptor = orb.compute(grey, keypoints)
-        assert len(described) == len(keypoints)  # the margins leave none at the border
-        uv = _full_size(corners, self.scale_factor)
-        return Features(
-            uv, np.asarray(descriptor, np.uint8), corners.strength, scale.astype(np.float32), angle.astype(np.float32)
-        )
+    height, width = shape
+    apart = math.sqrt(height * width / count)
+    side = max(8.0, apart * math.sqrt(per_cell))
+    order = _strongest_first(strength)
+    return np.sort(spread(uv, order, side, int(spacing * apart), width, height, count))
 
 
-@dataclass(frozen=True)
-class _Corners:
-    """Corners in level coordinates: xy (N, 2), octave (N,), strength (N,) float32."""
-
-    xy: NDArray[np.int64]
-    octave: NDArray[np.int64]
-    strength: NDArray[np.float32]
-
-
-def _all_corners(planes: list[NDArray[np.uint8]], threshold: int) -> _Corners:
-    from ._corners import find_corners
-
-    found = [find_corners(plane, threshold, _EDGE) for plane in planes]
-    sizes = [len(strength) for _, strength in found]
-    return _Corners(
-        np.concatenate([np.zeros((0, 2), np.int64), *(xy for xy, _ in found)]),
-        np.repeat(np.arange(len(planes)), sizes),
-        np.concatenate([np.zeros(0, np.float32), *(strength for _, strength in found)]),
-    )
+def check_ranges(what: str, detector: object, ranges: dict[str, tuple[float, float]]) -> None:
+    """Raise InputError unless each attribute of `detector` lies in its range."""
+    for name, (low, high) in ranges.items():
+        value = getattr(detector, name)
+        if not low <= value <= high:
+            raise InputError(f"{what}: {name} is {value}, expected {low} to {high}")
 
 
-def _orientations(planes: list[NDArray[np.uint8]], corners: _Corners) -> NDArray[np.float64]:
-    from ._corners import orientations
+def check_plane(what: str, grey: NDArray[Any]) -> None:
+    """Raise InputError unless an image is a plane of uint8."""
+    if grey.ndim != 2 or grey.dtype != np.uint8:
+        raise InputError(f"{what}: image is {grey.dtype} of shape {grey.shape}, expected (H, W) uint8")
 
-    angle = np.empty(len(corners.xy))
-    for octave, plane in enumerate(planes):
-        begin, end = np.searchsorted(corners.octave, (octave, octave + 1))
-        orientations(plane, corners.xy[begin:end], angle[begin:end])
-    return angle
+
+def no_features(size: int, dtype: type[np.uint8] | type[np.float32]) -> Features:
+    """Features of an image in which nothing was found; descriptors are (0, size)."""
+    nothing = np.zeros(0, np.float32)
+    descriptor: Any = np.zeros((0, size), dtype)
+    return Features(np.zeros((0, 2)), descriptor, nothing, nothing, nothing)
 
 
 def _strongest_first(strength: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -251,14 +163,3 @@ def _strongest_first(strength: NDArray[np.float32]) -> NDArray[np.int64]:
     falling = np.uint64(0xFFFFFFFF) - strength.view(np.uint32).astype(np.uint64)
     keys = np.sort((falling << np.uint64(32)) | np.arange(len(strength), dtype=np.uint64))
     return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
-
-
-def _full_size(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
-    """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
-    scale = scale_factor ** corners.octave.astype(np.float64)[:, None]
-    return corners.xy * scale + (scale - 1) / 2
-
-
-def _no_features() -> Features:
-    nothing = np.zeros(0, np.float32)
-    return Features(np.zeros((0, 2)), np.zeros((0, 32), np.uint8), nothing, nothing, nothing)

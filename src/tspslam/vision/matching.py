@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..types import Features, FloatArray, StereoPair
 from ._parallel import both
 from .consistency import supported
-from .hamming import HammingMatcher as HammingMatcher
-from .hamming import check_limits, check_range, median_and_spread, survey_disparities
+from .descriptors import DescriptorMatcher as DescriptorMatcher
+from .descriptors import check_limits, check_range, median_and_spread, survey_disparities
 from .matches import Matches as Matches
 from .windows import Plane, Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
 
@@ -26,7 +26,7 @@ class RowMatcher:
     """Matches along rows with sub-pixel disparities.
 
     1. The range of disparities is surveyed with descriptors, within the limits given.
-    2. Descriptors are matched along rows (`HammingMatcher`).
+    2. Descriptors are matched along rows (`DescriptorMatcher`).
     3. The vertical offset of the pair is measured on these, and taken out if it is over 0.05 px.
     4. Left keypoints without a partner search their row in the right image by correlation, with uniqueness and a
        search back. Windows lean on the pixels that look like their centre.
@@ -43,7 +43,9 @@ class RowMatcher:
     row_tolerance : float
         Largest difference of rows of two keypoints, px per unit of the keypoint's scale.
     max_hamming : int
-        Largest distance of two descriptors, bits.
+        Largest distance of two binary descriptors, bits in 256; longer ones in proportion.
+    max_l2 : float
+        Largest distance of two real descriptors, as a share of their length (norm).
     ratio : float
         A descriptor's distance must be less than this times that of the second nearest; at most 1.
     windows : Windows
@@ -74,6 +76,7 @@ class RowMatcher:
     min_disparity: float | None = None
     row_tolerance: float = 1.5
     max_hamming: int = 64
+    max_l2: float = 0.7
     ratio: float = 0.85
     windows: Windows = _WINDOWS
     back_windows: Windows = _BACK_WINDOWS
@@ -97,7 +100,7 @@ class RowMatcher:
         Parameters
         ----------
         left, right : Features
-            Keypoints with uint8 descriptors.
+            Keypoints with descriptors of one kind.
         pair : StereoPair
             The images they come from.
 
@@ -109,7 +112,7 @@ class RowMatcher:
         Raises
         ------
         InputError
-            If the descriptors are not binary or differ in length.
+            If the descriptors differ in kind or length, or are neither uint8 nor float32.
         GeometryError
             If most disparities are behind the camera: the images look swapped.
         """
@@ -125,9 +128,9 @@ class RowMatcher:
         rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows))
         return Matches(kept, partner[kept], disparity[kept], score[kept], offset + rest, spread)
 
-    def _descriptors(self) -> HammingMatcher:
+    def _descriptors(self) -> DescriptorMatcher:
         limits = self.max_disparity, self.min_disparity
-        return HammingMatcher(*limits, self.row_tolerance, self.max_hamming, self.ratio)
+        return DescriptorMatcher(*limits, self.row_tolerance, self.max_hamming, self.max_l2, self.ratio)
 
     def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
         """Planes whose rows agree, and by how much the right one was moved, px; small offsets are left alone."""

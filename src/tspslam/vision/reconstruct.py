@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ..errors import GeometryError, InputError
 from ..types import Cloud, Features, StereoPair
 from ._parallel import both
-from .features import OrbDetector, grey_levels
-from .hamming import HammingMatcher
+from .descriptors import DescriptorMatcher
+from .features import grey_levels
 from .matches import Matches
 from .matching import RowMatcher
+from .orb import OrbDetector
 from .rig import check_pair
 from .triangulate import triangulate
 
@@ -23,7 +24,7 @@ Detector = Callable[[NDArray[np.uint8]], Features]
 Matcher = Callable[[Features, Features, StereoPair], Matches]
 Preset = Literal["paper"]
 
-PAPER_MATCHER = HammingMatcher(max_disparity=48.0)
+PAPER_MATCHER = DescriptorMatcher(max_disparity=48.0)
 _FEWEST = 3
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..types import FloatArray, Rig, StereoPair
 from .calibration import load_rig as load_rig
-from .calibration import save_rig as save_rig
+from .calibration import save_cameras as save_cameras
 
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767

@@ -1,8 +1,9 @@
-"""Left-right matches of binary descriptors along rows, and what they tell of the range of disparities."""
+"""Left-right matches of descriptors along rows, and what they tell of the range of disparities."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,8 @@ _FEW = 20  # supported matches that a range of disparities needs
 
 
 @dataclass(frozen=True)
-class HammingMatcher:
-    """Plain matching of binary descriptors along rows, by Hamming distance with uniqueness.
+class DescriptorMatcher:
+    """Plain matching of descriptors along rows with uniqueness: binary ones by Hamming, real ones by L2 distance.
 
     A match is the nearest descriptor in both directions, on the same row and octave within tolerance, and clearly
     nearer than the next one. The disparity is the difference of the two keypoints' columns.
@@ -33,7 +34,9 @@ class HammingMatcher:
     row_tolerance : float
         Largest difference of rows, px per unit of the keypoint's scale.
     max_hamming : int
-        Largest distance, bits.
+        Largest distance of binary descriptors, bits in 256; longer ones in proportion.
+    max_l2 : float
+        Largest distance of real descriptors, as a share of their length (norm).
     ratio : float
         The distance must be less than this times that of the second nearest; at most 1.
 
@@ -44,7 +47,7 @@ class HammingMatcher:
 
     Examples
     --------
-    >>> HammingMatcher(max_disparity=48).max_hamming
+    >>> DescriptorMatcher(max_disparity=48).max_hamming
     64
     """
 
@@ -52,12 +55,14 @@ class HammingMatcher:
     min_disparity: float | None = None
     row_tolerance: float = 1.5
     max_hamming: int = 64
+    max_l2: float = 0.7
     ratio: float = 0.85
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_range("row_tolerance", self.row_tolerance, 0, 100)
-        check_range("max_hamming", self.max_hamming, 0, 100_000)
+        check_range("max_hamming", self.max_hamming, 0, 256)
+        check_range("max_l2", self.max_l2, 0, 2)
         check_range("ratio", self.ratio, 0, 1)
         check_limits(self.min_disparity, self.max_disparity)
 
@@ -67,7 +72,7 @@ class HammingMatcher:
         Parameters
         ----------
         left, right : Features
-            Keypoints with uint8 descriptors.
+            Keypoints with descriptors of one kind.
         pair : StereoPair
             The images they come from; only the rig and the size are used.
 
@@ -79,30 +84,32 @@ class HammingMatcher:
         Raises
         ------
         InputError
-            If the descriptors are not binary or differ in length.
+            If the descriptors differ in kind or length, or are neither uint8 nor float32.
         """
         low, high = widest_range(pair, self.min_disparity, self.max_disparity)
         i, j = self.pairs(left, right, pair.left.shape[0], low, high)
         rows = right.uv[j, 1] - left.uv[i, 1]
         median, spread = median_and_spread(rows)
-        bits = np.bitwise_count(_as_words(left)[i] ^ _as_words(right)[j]).sum(axis=1)
-        nearness = 1 - bits / max(8 * left.descriptor.shape[1], 1)
-        return Matches(i, j, left.uv[i, 0] - right.uv[j, 0], nearness, median, spread)
+        return Matches(i, j, left.uv[i, 0] - right.uv[j, 0], _nearness(left, right, i, j), median, spread)
 
     def pairs(
         self, left: Features, right: Features, height: int, low: float, high: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of `left` and `right` that match with ``low <= u_left - u_right <= high``."""
-        if left.descriptor.shape[1:] != right.descriptor.shape[1:]:
-            sizes = f"{left.descriptor.shape[1:]} on the left and {right.descriptor.shape[1:]} on the right"
-            raise InputError(f"descriptors have the shapes {sizes}, expected the same")
+        _check_kinds(left, right)
         ways = ((left, right, low, high), (right, left, -high, -low))
         forth, back = both(lambda way: _nearest(*way, height, self.row_tolerance), ways)
-        best, distance, second = forth.T
-        clear = (best >= 0) & (distance <= self.max_hamming) & (distance < self.ratio * second)
+        best, distance, second = forth[:, 0].astype(np.int64), *forth[:, 1:].T
+        clear = (best >= 0) & (distance <= self._farthest(left)) & (distance < self.ratio * second)
         i = np.flatnonzero(clear)
         i = i[back[best[i], 0] == i]
         return i, best[i]
+
+    def _farthest(self, features: Features) -> FloatArray | float:
+        """Largest distance that each descriptor allows."""
+        if features.descriptor.dtype == np.uint8:
+            return self.max_hamming * features.descriptor.shape[1] / 32
+        return self.max_l2 * np.linalg.norm(features.descriptor.astype(np.float64), axis=1)
 
 
 def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) -> tuple[float, float]:
@@ -116,7 +123,7 @@ def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) 
 
 
 def survey_disparities(
-    matcher: HammingMatcher, left: Features, right: Features, pair: StereoPair
+    matcher: DescriptorMatcher, left: Features, right: Features, pair: StereoPair
 ) -> tuple[tuple[float, float], NDArray[np.int64], NDArray[np.int64]]:
     """Range of disparities of a pair, px, and the matching rows of `left` and `right` in it.
 
@@ -171,20 +178,18 @@ def check_limits(lowest: float | None, highest: float | None) -> None:
         raise InputError(f"matcher: min_disparity is {lowest}, expected at most max_disparity, {highest}")
 
 
-def _nearest(
-    points: Features, other: Features, low: float, high: float, height: int, tolerance: float
-) -> NDArray[np.int64]:
-    from ._kernels import match_rows
+def _nearest(points: Features, other: Features, low: float, high: float, height: int, tolerance: float) -> FloatArray:
+    from ._descriptors import match_rows
 
-    words, other_words = _as_words(points), _as_words(other)
+    words, other_words = _comparable(points), _comparable(other)
     row = np.clip(np.rint(other.uv[:, 1]).astype(np.int64), 0, height - 1)
     order = np.argsort(row, kind="stable")
     row_start = np.searchsorted(row[order], np.arange(height + 1))
-    found: NDArray[np.int64] = match_rows(
+    found: FloatArray = match_rows(
         _places(points), words, _places(other)[order], other_words[order], row_start, np.array([low, high, tolerance])
     )
     some = found[:, 0] >= 0
-    found[some, 0] = order[found[some, 0]]
+    found[some, 0] = order[found[some, 0].astype(np.int64)]
     return found
 
 
@@ -192,10 +197,28 @@ def _places(features: Features) -> FloatArray:
     return np.column_stack([features.uv, features.scale.astype(np.float64)])
 
 
-def _as_words(features: Features) -> NDArray[np.uint64]:
-    """Descriptors as 64-bit words, padded with zeros."""
-    if features.descriptor.dtype != np.uint8 or features.descriptor.ndim != 2:
-        raise InputError(f"descriptors are {features.descriptor.dtype}, expected binary ones (uint8)")
+def _check_kinds(left: Features, right: Features) -> None:
+    kinds = [(each.descriptor.dtype.name, each.descriptor.shape[1:]) for each in (left, right)]
+    if kinds[0] != kinds[1]:
+        said = [f"{name} of shape {shape}" for name, shape in kinds]
+        raise InputError(f"descriptors are {said[0]} on the left and {said[1]} on the right, expected the same")
+    if kinds[0][0] not in ("uint8", "float32") or len(kinds[0][1]) != 1:
+        raise InputError(f"descriptors are {kinds[0][0]} of shape {kinds[0][1]}, expected rows of uint8 or float32")
+
+
+def _nearness(left: Features, right: Features, i: NDArray[np.int64], j: NDArray[np.int64]) -> FloatArray:
+    """1 for equal descriptors, 0 for the farthest possible."""
+    one, other = _comparable(left)[i], _comparable(right)[j]
+    if one.dtype == np.uint64:
+        return 1 - np.bitwise_count(one ^ other).sum(axis=1) / max(8 * left.descriptor.shape[1], 1)
+    length = np.linalg.norm(one, axis=1) + np.linalg.norm(other, axis=1)
+    return 1 - np.linalg.norm(one - other, axis=1) / np.maximum(length, 1e-30)
+
+
+def _comparable(features: Features) -> NDArray[Any]:
+    """Binary descriptors as 64-bit words, padded with zeros; real ones as they are."""
+    if features.descriptor.dtype == np.float32:
+        return np.ascontiguousarray(features.descriptor)
     count, size = features.descriptor.shape
     padded = np.zeros((count, -(-size // 8) * 8), np.uint8)
     padded[:, :size] = features.descriptor
