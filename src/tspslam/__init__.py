@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .types import StereoPair as StereoPair
     from .types import Surface as Surface
     from .vision.reconstruct import reconstruct as reconstruct
+    from .vision.rectify import rectification as rectification
     from .vision.rig import load_rig as load_rig
 
 __version__ = "0.1.0"
@@ -51,6 +52,7 @@ _HOMES = {
     "types": ("Camera", "Cloud", "Features", "RawRig", "Response", "Rig", "Signals", "StereoPair", "Surface"),
     "vision.reconstruct": ("reconstruct",),
     "vision.rig": ("load_rig",),
+    "vision.rectify": ("rectification",),
     "topology.surface": ("delaunay_surface",),
     "topology.complex": ("Complex", "build_complex"),
     "topology.texture": ("sample_signals",),

@@ -1,16 +1,13 @@
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from tspslam.errors import InputError
-from tspslam.types import Camera, RawRig, StereoPair
-from tspslam.vision.reconstruct import reconstruct_with_quality
+from tspslam.types import Camera, RawRig
 from tspslam.vision.rectify import camera_matrix, distort, rectification
 
 CAMERA = Camera(458.654, 457.296, 367.215, 248.375, 752, 480, (-0.283, 0.0739, 0.00019, 1.76e-05, 0.0))
@@ -103,22 +100,3 @@ def test_an_image_of_another_size_is_refused() -> None:
 def test_what_cannot_be_rectified_is_named(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         rectification(replace(RAW, **change))
-
-
-DATA = Path(os.environ.get("TSPSLAM_DATA", Path(__file__).parents[3] / "shared" / "data")) / "euroc_v101_keyframes"
-
-
-@pytest.mark.skipif(not DATA.is_dir(), reason="the EuRoC keyframes are not here")
-def test_rows_of_a_real_raw_pair_agree() -> None:
-    read_format = pytest.importorskip("tspslam.vision.formats").read_format
-
-    from tspslam.io import read_image
-
-    raw = read_format(DATA / "cam0_sensor.yaml").cameras
-    made = rectification(raw)
-    for name in sorted((DATA / "images").glob("*_0.jpg"))[::33]:
-        left, right = made(read_image(name), read_image(name.with_name(name.name.replace("_0", "_1"))))
-        cloud, quality = reconstruct_with_quality(StereoPair(left, right, made.rig))
-        assert abs(quality.vertical_offset_px) < 0.3
-        assert quality.vertical_offset_std_px < 0.3
-        assert len(cloud) > 500
