@@ -327,7 +327,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "a.png", "b.png"], "--calib"),
     (["run", "a", "b", "c"], "3 paths"),
     (["run", "--calib", "x.yaml"], "--calib"),
-    (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk"),
+    (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
@@ -472,7 +472,7 @@ def test_filter_answers_on_a_mesh_and_a_posed_image(capsys, pair_files, small_pa
     assert code == 0
     assert result["complex"] == {"n": len(points), "edges": 271, "faces": len(faces), "euler": 3}
     assert result["defined"] == len(points) - 2
-    assert "2 of 106 vertices are outside" in err
+    assert "2 of 106 vertices are hidden, outside the image or behind" in err
     stored = read_frame(pair_files / "out/frames/000000.npz").cloud
     assert np.isnan([*stored.uv[104], stored.disparity[104]]).all()
     assert stored.uv[105, 0] > 1000  # outside the image, where it is

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from .session import Settings as Settings
     from .topology.complex import Complex as Complex
     from .topology.complex import build_complex as build_complex
+    from .topology.crust import crust_surface as crust_surface
+    from .topology.diagnosis import diagnose_surface as diagnose_surface
     from .topology.harmonic import tmahf as tmahf
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
@@ -41,9 +43,12 @@ if TYPE_CHECKING:
     from .types import Signals as Signals
     from .types import StereoPair as StereoPair
     from .types import Surface as Surface
+    from .vision.dense import cloud_from_depth as cloud_from_depth
+    from .vision.dense import cloud_from_disparity as cloud_from_disparity
     from .vision.reconstruct import reconstruct as reconstruct
     from .vision.rectify import rectification as rectification
     from .vision.rig import load_rig as load_rig
+    from .vision.visibility import visible_uv as visible_uv
 
 __version__ = "0.1.0"
 
@@ -56,7 +61,11 @@ _HOMES = {
     "topology.surface": ("delaunay_surface",),
     "topology.complex": ("Complex", "build_complex"),
     "topology.texture": ("sample_signals",),
+    "topology.crust": ("crust_surface",),
+    "topology.diagnosis": ("diagnose_surface",),
     "topology.harmonic": ("tmahf",),
+    "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
+    "vision.visibility": ("visible_uv",),
     "session": ("Session", "Settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

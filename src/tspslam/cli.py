@@ -48,7 +48,7 @@ def run_command(
     calib: Annotated[Path | None, typer.Option(help="Calibration file of a pair.")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
-    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift or brisk.")] = None,
+    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk or grid.")] = None,
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,

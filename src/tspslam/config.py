@@ -14,19 +14,22 @@ from ._files import one_line
 from ._yaml import parse_yaml, read_yaml
 from .errors import InputError
 from .session import Settings
+from .topology.crust import Crust
 from .topology.harmonic import Tmahf
 from .topology.surface import DelaunaySurface
+from .vision.dense import GridDetector
 from .vision.descriptors import DescriptorMatcher
 from .vision.matching import RowMatcher
 from .vision.orb import OrbDetector
 from .vision.reconstruct import PAPER_MATCHER
 from .vision.scale_space import BriskDetector, SiftDetector
+from .vision.sgbm import SgbmMatcher
 
 PRESETS = ("default", "paper")
 KINDS: dict[str, dict[str, type]] = {
-    "detector": {"orb": OrbDetector, "sift": SiftDetector, "brisk": BriskDetector},
-    "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher},
-    "surface": {"delaunay": DelaunaySurface},
+    "detector": {"orb": OrbDetector, "sift": SiftDetector, "brisk": BriskDetector, "grid": GridDetector},
+    "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher, "sgbm": SgbmMatcher},
+    "surface": {"delaunay": DelaunaySurface, "crust": Crust},
     "filter": {"tmahf": Tmahf},
 }
 """What each stage can be, by the name that its setting ``kind`` has."""

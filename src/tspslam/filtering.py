@@ -17,7 +17,8 @@ from .topology.complex import build_complex
 from .topology.harmonic import Tmahf
 from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Rig, Surface
-from .vision.rig import load_rig, project
+from .vision.rig import load_rig
+from .vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
 
@@ -75,7 +76,7 @@ def _filtered(
 ) -> StoredFrame:
     _check_distance(xyz)
     complex_ = build_complex(faces, len(xyz))
-    uv = project(rig, xyz)
+    uv = visible_uv(rig, xyz, faces if len(faces) else None)
     signals = sample_signals(pixels, uv, complex_)
     seen = signals.vertex_ok
     if not seen.any():
@@ -95,7 +96,8 @@ def _check_distance(xyz: FloatArray) -> None:
 
 def _filter_record(frame: StoredFrame) -> dict[str, Any]:
     hidden = int((~frame.signals.vertex_ok).sum())
-    message = f"{hidden} of {len(frame.cloud)} vertices are outside the image or behind the camera and have no signal"
+    where = "hidden, outside the image or behind the camera"
+    message = f"{hidden} of {len(frame.cloud)} vertices are {where} and have no signal"
     sizes = {"n": len(frame.cloud), "edges": len(frame.complex_.edges), "faces": len(frame.complex_.faces)}
     return {
         "status": "complete",

@@ -101,8 +101,8 @@ def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Itera
 def pair_hash(pair: StereoPair) -> str:
     """SHA-256 of all that a frame is made from: images, rig, place, time, name; hexadecimal."""
     digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name]))
-    for image in (pair.left, pair.right):
-        digest.update(array_hash(image).encode())
+    for values in (pair.left, pair.right, pair.disparity):
+        digest.update(b"" if values is None else array_hash(values).encode())
     return digest.hexdigest()
 
 

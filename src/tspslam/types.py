@@ -204,6 +204,9 @@ class StereoPair:
         Place in its sequence.
     name : str
         What to call it in messages and file names.
+    disparity : (H, W) float array or None
+        Disparities of the left image that something else has measured (an RGB-D camera, a network), px; NaN where not
+        known. Where there is one, `right` is not looked at.
     """
 
     left: Image
@@ -212,6 +215,7 @@ class StereoPair:
     stamp: float = 0.0
     index: int = 0
     name: str = "pair"
+    disparity: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from ..types import Cloud, Features, StereoPair
+from ..types import Cloud, Features, FloatArray, StereoPair
 from ._parallel import both
+from .dense import cloud_from_disparity
 from .descriptors import DescriptorMatcher
 from .features import grey_levels
 from .matches import Matches
 from .matching import RowMatcher
 from .orb import OrbDetector
 from .rig import check_pair
-from .triangulate import triangulate
+from .triangulate import PIXEL_SIGMA, triangulate
 
 Detector = Callable[[NDArray[np.uint8]], Features]
 Matcher = Callable[[Features, Features, StereoPair], Matches]
@@ -67,7 +68,7 @@ def reconstruct(
     Parameters
     ----------
     pair : StereoPair
-        A rectified pair.
+        A rectified pair. Where it carries a disparity map, points are sampled from that at the keypoints.
     detector : callable, optional
         Grey image (H, W) uint8 -> `Features`; `OrbDetector()` by default.
     matcher : callable, optional
@@ -130,6 +131,8 @@ def reconstruct_with_quality(
     check_pair(pair)
     detect = detector or OrbDetector()
     match = _choose_matcher(matcher, max_disparity, preset)
+    if pair.disparity is not None:
+        return _of_map(pair, pair.disparity, detect(grey_levels(pair.left)))
     left, right = both(lambda image: detect(grey_levels(image)), (pair.left, pair.right))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
@@ -140,6 +143,13 @@ def reconstruct_with_quality(
             f"{len(matches)} matches, expected at least {_FEWEST}"
         )
     return cloud, _quality(left, right, matches, cloud)
+
+
+def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> tuple[Cloud, StereoQuality]:
+    """Cloud at the keypoints of the left image, from a map of disparities."""
+    _require_features(pair, left, left)
+    cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=PIXEL_SIGMA * left.scale)
+    return cloud, StereoQuality(0.0, 0.0, len(left.uv), 0, len(cloud), 0)
 
 
 def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset: str | None) -> Matcher:

@@ -1,0 +1,209 @@
+"""Points from a disparity or depth map: RGB-D cameras, block matching, networks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import GeometryError, InputError
+from ..types import Cloud, Features, FloatArray, Rig
+from .features import check_plane
+from .rig import LEAST_TOTAL, back_project, covariance
+
+_SMOOTH = 1.0  # px of disparity between neighbouring pixels; more is an edge, across which nothing is interpolated
+_FARTHEST_MEDIAN = 1000.0  # m; a map whose median lies beyond is in another unit
+
+
+@dataclass(frozen=True)
+class GridDetector:
+    """Points of a regular grid in the place of keypoints, for maps that know every pixel; no descriptors.
+
+    Attributes
+    ----------
+    step : int
+        Distance of neighbours, px.
+
+    Raises
+    ------
+    InputError
+        If the step is out of its range.
+
+    Examples
+    --------
+    >>> GridDetector(step=40)(np.zeros((100, 100), np.uint8)).uv[:2].tolist()
+    [[9.0, 9.0], [49.0, 9.0]]
+    """
+
+    step: int = 16
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.step <= 10_000:
+            raise InputError(f"grid: step is {self.step}, expected 1 to 10000")
+
+    def __call__(self, grey: NDArray[np.uint8]) -> Features:
+        """Places of the grid in an (H, W) image, row by row, with equal margins."""
+        check_plane("grid", grey)
+        v, u = (np.arange((size - 1) % self.step // 2, size, self.step, dtype=np.float64) for size in grey.shape)
+        uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        ones = np.ones(len(uv), np.float32)
+        return Features(uv, np.zeros((len(uv), 0), np.uint8), ones, ones, np.zeros(len(uv), np.float32))
+
+
+def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma: ArrayLike = 0.5) -> Cloud:
+    """Points at given places of a disparity map.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    disparity : (H, W) float array
+        ``u_left - u_right`` at each pixel of the left image, px; NaN, infinite, or without positive depth where it is
+        not known.
+    uv : (N, 2) array
+        Places in the left image, px: keypoints, or `GridDetector`'s.
+    sigma : (N,) array or float
+        Standard deviation of u_left, u_right and v, px.
+
+    Returns
+    -------
+    Cloud
+        In the order of `uv`, without the places whose disparity is not known.
+
+    Raises
+    ------
+    InputError
+        If the map has not the rig's size or is not of floats, or `uv` is no array of places in the image.
+    GeometryError
+        If the map knows none of the places.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> cloud_from_disparity(rig, np.full((480, 640), 25.0), [[320, 290]]).xyz.tolist()
+    [[0.0, 0.2, 2.0]]
+    """
+    known = checked_map("disparity", disparity, rig)
+    places = np.asarray(uv, np.float64)
+    if places.ndim != 2 or places.shape[1] != 2:
+        raise InputError(f"uv has shape {places.shape}, expected (N, 2)")
+    if len(places) and not ((places >= 0) & (places <= (rig.width - 1, rig.height - 1))).all():
+        raise InputError(f"uv holds places outside of {rig.width} x {rig.height} px, expected all inside the image")
+    found = sample_map(np.where(known + rig.doffs >= LEAST_TOTAL, known, np.nan), places)
+    rows = np.flatnonzero(np.isfinite(found))
+    if len(rows) == 0:
+        raise GeometryError(f"the map knows the disparity of none of {len(places)} places, expected at least one")
+    spread = np.broadcast_to(np.asarray(sigma, np.float64), len(places))[rows]
+    uv, disparity = places[rows], found[rows]
+    return Cloud(back_project(rig, uv, disparity), uv, disparity, covariance(rig, uv, disparity, spread))
+
+
+def cloud_from_depth(
+    rig: Rig, depth: ArrayLike, uv: ArrayLike, *, unit: float | None = None, sigma: ArrayLike = 0.5
+) -> Cloud:
+    """Points at given places of a depth map, as `cloud_from_disparity`.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera; any baseline will do for one without a second eye, and sets the covariance.
+    depth : (H, W) array
+        z at each pixel; 0, NaN or infinite where it is not known.
+    uv : (N, 2) array
+        Places in the image, px.
+    unit : float, optional
+        Metres in one step of `depth`: 0.001 for millimetres. Whole numbers need it; floats are metres by default.
+    sigma : (N,) array or float
+        Standard deviation of u_left, u_right and v, px.
+
+    Returns
+    -------
+    Cloud
+
+    Raises
+    ------
+    InputError
+        As `cloud_from_disparity`; also if the unit is missing, or the median depth is over 1000 m.
+    GeometryError
+        As `cloud_from_disparity`.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> cloud_from_depth(rig, np.full((480, 640), 2000, np.uint16), [[320, 290]], unit=0.001).xyz.tolist()
+    [[0.0, 0.2, 2.0]]
+    """
+    return cloud_from_disparity(rig, disparity_of_depth(rig, depth, unit=unit), uv, sigma=sigma)
+
+
+def disparity_of_depth(rig: Rig, depth: ArrayLike, *, unit: float | None = None) -> FloatArray:
+    """Disparity map of a depth map, ``fx · baseline / z - doffs``; NaN where the depth is not known.
+
+    Parameters, errors: as `cloud_from_depth`.
+
+    Returns
+    -------
+    (H, W) float64
+        px.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=1, cy=0, baseline=0.1, width=2, height=1)
+    >>> disparity_of_depth(rig, [[2.0, 0.0]]).tolist()
+    [[25.0, nan]]
+    """
+    values: NDArray[Any] = np.asarray(depth)
+    if values.dtype.kind in "iu" and unit is None:
+        raise InputError(f"depth map is {values.dtype} without a unit, expected unit=0.001 for millimetres, say")
+    scale = 1.0 if unit is None else float(unit)
+    if not 1e-9 <= scale <= 1e9:
+        raise InputError(f"unit is {unit}, expected metres in one step of the depth map, such as 0.001")
+    z = checked_map("depth", values.astype(np.float64) if values.dtype.kind in "iu" else values, rig) * scale
+    z = np.where(z >= 1e-9, z, np.nan)
+    median = float(np.nanmedian(z)) if np.isfinite(z).any() else 0.0
+    if median > _FARTHEST_MEDIAN:
+        raise InputError(f"depth map has a median of {median:.4g} m, expected metres; unit=0.001 reads millimetres")
+    return rig.fx * rig.baseline / z - rig.doffs
+
+
+def checked_map(what: str, values: ArrayLike, rig: Rig) -> FloatArray:
+    """Return a map as float64 with NaN where it is not finite; InputError unless it is of floats and the rig's size."""
+    array: NDArray[Any] = np.asarray(values)
+    if array.shape != (rig.height, rig.width):
+        size = " x ".join(map(str, array.shape[::-1]))
+        raise InputError(f"{what} map is {size}, expected {rig.width} x {rig.height} px, the image's size")
+    if array.dtype.kind != "f":
+        raise InputError(f"{what} map is {array.dtype}, expected floats")
+    return np.where(np.isfinite(array), array, np.nan).astype(np.float64)
+
+
+def sample_map(disparity: FloatArray, uv: FloatArray) -> FloatArray:
+    """Disparity at places of a map: bilinear on smooth ground, of the nearest pixel at edges; NaN where not known.
+
+    Parameters
+    ----------
+    disparity : (H, W) float64
+        px; NaN where it is not known.
+    uv : (N, 2) float64
+        Places inside the image, px.
+
+    Returns
+    -------
+    (N,) float64
+
+    Examples
+    --------
+    >>> sample_map(np.array([[1.0, 2.0, 9.0]]), np.array([[0.5, 0], [1.4, 0]])).tolist()
+    [1.5, 2.0]
+    """
+    height, width = disparity.shape
+    left, top = (np.minimum(uv[:, k].astype(np.int64), max(size - 2, 0)) for k, size in ((0, width), (1, height)))
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    corners = np.stack([disparity[top, left], disparity[top, right], disparity[bottom, left], disparity[bottom, right]])
+    a, b = uv[:, 0] - left, uv[:, 1] - top
+    weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])
+    nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None], axis=0)[0]
+    is_smooth = corners.max(axis=0) - corners.min(axis=0) <= _SMOOTH  # False where one is NaN
+    return np.where(is_smooth, (weights * corners).sum(axis=0), nearest)

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam.datasets import motorcycle_truth
+from tspslam.errors import GeometryError, InputError
+from tspslam.types import Rig, StereoPair
+from tspslam.vision.dense import GridDetector, cloud_from_depth, cloud_from_disparity, disparity_of_depth, sample_map
+from tspslam.vision.reconstruct import reconstruct, reconstruct_with_quality
+from tspslam.vision.rig import project
+from tspslam.vision.sgbm import SgbmMatcher
+
+from .conftest import noise
+
+RIG = Rig(fx=100, fy=110, cx=30, cy=20, baseline=0.2, width=64, height=48, skew=0.5, doffs=3.0)
+UV = np.array([[3.25, 4.5], [10, 20], [40.75, 30.125]])
+
+
+def ramp() -> np.ndarray:
+    v, u = np.mgrid[:48, :64]
+    return 5 + 0.1 * u + 0.05 * v
+
+
+def test_a_plane_is_sampled_between_its_pixels() -> None:
+    assert np.abs(sample_map(ramp(), UV) - (5 + 0.1 * UV[:, 0] + 0.05 * UV[:, 1])).max() < 1e-12
+    corner = np.array([[0, 0], [63, 47]])
+    np.testing.assert_allclose(sample_map(ramp(), corner), [5, 5 + 6.3 + 2.35])
+
+
+def test_nothing_is_interpolated_across_an_edge_or_into_a_hole() -> None:
+    step = np.where(np.arange(64) < 32, 5.0, 20.0) * np.ones((48, 1))
+    assert set(sample_map(step, np.column_stack([np.linspace(30, 33, 40), np.full(40, 7.3)]))) == {5.0, 20.0}
+    step[:, 31:33] = np.nan
+    found = sample_map(step, np.array([[31.4, 3.0], [30.4, 3], [30.6, 3]]))
+    np.testing.assert_array_equal(found, [np.nan, 5, np.nan])
+
+
+def test_depth_and_disparity_maps_give_the_same_cloud() -> None:
+    z = RIG.fx * RIG.baseline / (ramp() + RIG.doffs)
+    one, other = cloud_from_disparity(RIG, ramp(), UV), cloud_from_depth(RIG, z, UV)
+    np.testing.assert_allclose(project(RIG, one.xyz), UV)
+    np.testing.assert_allclose(one.xyz, other.xyz, rtol=1e-3)
+    np.testing.assert_allclose(disparity_of_depth(RIG, z), ramp())
+    millimetres = np.rint(z * 1000).astype(np.uint16)
+    np.testing.assert_allclose(cloud_from_depth(RIG, millimetres, UV, unit=0.001).xyz, one.xyz, rtol=1e-2)
+
+
+def test_holes_are_dropped_and_the_rest_keeps_its_order() -> None:
+    holes = ramp()
+    holes[18:23, 8:13] = [[np.nan], [np.inf], [-3.0], [-9.0], [np.nan]]
+    cloud = cloud_from_disparity(RIG, holes, UV, sigma=[1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(cloud.uv, UV[[0, 2]])
+    unit = cloud_from_disparity(RIG, holes, UV, sigma=1.0)
+    assert cloud.covariance is not None
+    assert unit.covariance is not None
+    np.testing.assert_allclose(cloud.covariance / unit.covariance, np.array([1.0, 9.0])[:, None, None] * np.ones((3, 3)))
+
+
+def test_a_pair_with_a_map_is_sampled_at_its_keypoints(pair: StereoPair) -> None:
+    truth = motorcycle_truth()
+    mapped = replace(pair, disparity=truth)
+    cloud, quality = reconstruct_with_quality(mapped)
+    assert len(cloud) > 1500
+    assert quality.matched == len(cloud)
+    pixel = np.rint(cloud.uv).astype(int)
+    error = np.abs(cloud.disparity - truth[pixel[:, 1], pixel[:, 0]])
+    assert np.nanpercentile(error, 99) < 1
+    grid = reconstruct(mapped, detector=GridDetector(step=20))
+    assert len(grid) > 700
+    assert set(np.diff(np.unique(grid.uv[:, 0]))) == {20}
+
+
+@pytest.mark.parametrize("block", [3, 7])
+def test_block_matching_is_right_on_motorcycle(pair: StereoPair, block: int) -> None:
+    truth = motorcycle_truth()
+    cloud = reconstruct(pair, matcher=SgbmMatcher(block=block))
+    pixel = np.rint(cloud.uv).astype(int)
+    error = np.abs(cloud.disparity - truth[pixel[:, 1], pixel[:, 0]])
+    assert len(cloud) > 1300
+    assert np.nanmean(error[np.isfinite(error)] < 1) > 0.85
+
+
+def test_block_matching_on_a_grid_needs_no_descriptors(pair: StereoPair) -> None:
+    cloud = reconstruct(pair, matcher=SgbmMatcher(max_disparity=70), detector=GridDetector(step=25))
+    assert len(cloud) > 300
+
+
+@pytest.mark.parametrize(("function", "arguments", "message"), [
+    (cloud_from_disparity, (np.ones((48, 63)), UV), "disparity map is 63 x 48, expected 64 x 48 px"),
+    (cloud_from_disparity, (np.ones((48, 64), int), UV), "disparity map is int64, expected floats"),
+    (cloud_from_disparity, (ramp(), UV[:, :1]), r"uv has shape \(3, 1\)"),
+    (cloud_from_disparity, (ramp(), [[64.0, 3]]), "uv holds places outside of 64 x 48 px"),
+    (cloud_from_disparity, (ramp(), [[np.nan, 3]]), "uv holds places outside"),
+    (cloud_from_depth, (np.ones((48, 64), np.uint16), UV), "uint16 without a unit"),
+    (cloud_from_depth, (np.full((48, 64), 2400.0), UV), "median of 2400 m, expected metres; unit=0.001"),
+    (cloud_from_depth, (np.ones((10, 10)), UV), "depth map is 10 x 10"),
+])  # fmt: skip
+def test_maps_that_do_not_fit_are_named(function, arguments, message) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match=message):
+        function(RIG, *arguments)
+
+
+@pytest.mark.parametrize("unit", [0.0, -1.0, np.nan])
+def test_a_unit_is_positive(unit: float) -> None:
+    with pytest.raises(InputError, match="unit is"):
+        cloud_from_depth(RIG, np.ones((48, 64)), UV, unit=unit)
+
+
+@pytest.mark.parametrize("empty", [0.0, np.nan, np.inf])
+def test_a_map_without_values_is_named(empty: float) -> None:
+    with pytest.raises(GeometryError, match="disparity of none of 3 places"):
+        cloud_from_depth(RIG, np.full((48, 64), empty), UV)
+
+
+@pytest.mark.parametrize(("kind", "setting", "message"), [
+    (GridDetector, {"step": 0}, "grid: step is 0"), (SgbmMatcher, {"block": 4}, "block is 4, expected an odd"),
+    (SgbmMatcher, {"uniqueness": 101}, "uniqueness, speckle are 101"),
+    (SgbmMatcher, {"min_disparity": 9.0, "max_disparity": 3.0}, "expected at most max_disparity"),
+])  # fmt: skip
+def test_settings_out_of_range_are_named(kind: type, setting: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        kind(**setting)
+
+
+def test_the_grid_has_equal_margins() -> None:
+    uv = GridDetector(step=10)(noise(48, 64)).uv
+    assert (uv.min(axis=0).tolist(), uv.max(axis=0).tolist()) == ([1, 3], [61, 43])
