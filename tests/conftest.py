@@ -1,11 +1,14 @@
 """Shared by the tests: the real pair, and a small real pair on disk."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from tspslam import datasets
-from tspslam.vision.rig import save_cameras
+from tspslam import Camera, RawRig, StereoPair, datasets
+from tspslam.vision.calibration import save_cameras
 
 
 @pytest.fixture(scope="session")
@@ -16,8 +19,6 @@ def motorcycle():
 @pytest.fixture(scope="session")
 def small_pair(motorcycle):
     """A piece of the Motorcycle pair, 300x200 px, with its rig: (left, right, rig)."""
-    from dataclasses import replace
-
     rows, columns = slice(200, 400), slice(300, 600)
     rig = replace(motorcycle.rig, cx=motorcycle.rig.cx - 300, cy=motorcycle.rig.cy - 200, width=300, height=200)
     return (
@@ -25,6 +26,35 @@ def small_pair(motorcycle):
         np.ascontiguousarray(motorcycle.right[rows, columns]),
         rig,
     )
+
+
+@pytest.fixture(scope="session")
+def raw_pair(motorcycle):
+    """The Motorcycle pair as two turned cameras with distortion would have taken it: (pair, raw rig)."""
+    rig = motorcycle.rig
+    lens = (-0.12, 0.05, 0.001, -0.0005, 0.0)
+    left = Camera(rig.fx, rig.fy, rig.cx, rig.cy, rig.width, rig.height, lens)
+    right = replace(left, cx=rig.cx + rig.doffs, fy=rig.fy * 1.002)
+    turns = [cv2.Rodrigues(np.array(turn))[0] for turn in ((0.01, -0.01, 0.012), (-0.006, 0.008, -0.01))]
+    T_right_left = np.eye(4)
+    T_right_left[:3, :3] = turns[1] @ turns[0].T
+    T_right_left[:3, 3] = turns[1] @ (-rig.baseline, 0, 0)
+    images = (
+        _taken_by(left, turns[0], motorcycle.left, rig, rig.cx),
+        _taken_by(right, turns[1], motorcycle.right, rig, rig.cx + rig.doffs),
+    )
+    return StereoPair(*images, rig, name="raw"), RawRig(left, right, tuple(map(tuple, T_right_left.tolist())))
+
+
+def _taken_by(camera, turn, image, rig, cx):
+    """An image of the rectified pair as a turned and distorted camera sees it."""
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    v, u = np.mgrid[: camera.height, : camera.width].astype(float)
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]
+    rays = cv2.undistortPoints(pixels, K, np.array(camera.distortion))[:, 0]
+    x, y, z = turn.T @ np.column_stack([rays, np.ones(len(rays))]).T
+    where = [(f * a / z + c).reshape(u.shape).astype(np.float32) for f, a, c in ((rig.fx, x, cx), (rig.fy, y, rig.cy))]
+    return cv2.remap(image, *where, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
 
 
 @pytest.fixture

@@ -7,15 +7,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from tspslam import cli
+from tspslam import cli, read_calibration, rectification
 from tspslam.config import KINDS, resolve
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
+from tspslam.vision.calibration import save_cameras
 from tspslam.vision.scale_space import SiftDetector
 
 
@@ -88,6 +90,63 @@ def test_one_and_two_threads_give_the_same_bytes(capsys, pair_files):
         shutil.rmtree(pair_files / "out")
     cv2.setNumThreads(threads)
     assert before[1] == before[2]
+
+
+def test_a_raw_pair_is_rectified_and_run(capsys, tmp_path, raw_pair):
+    pair, raw = raw_pair
+    Image.fromarray(pair.left).save(tmp_path / "left.png")
+    Image.fromarray(pair.right).save(tmp_path / "right.png")
+    save_cameras(raw, tmp_path / "calib.yaml")
+    code, out, _ = run_pair(capsys, tmp_path, "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["complex"]["n"] > 1000
+    assert abs(result["calibration"]["vertical_offset_px"]) < 0.3
+    code, line = complain(capsys, "filter", tmp_path / "out/map.ply", "--image", tmp_path / "left.png",
+                          "--calib", tmp_path / "calib.yaml", "--out", tmp_path / "again")  # fmt: skip
+    assert (code, "describes raw cameras, expected a rectified one" in line) == (3, True)
+
+
+def test_a_baseline_in_millimetres_is_doubted(capsys, pair_files):
+    text = (pair_files / "calib.yaml").read_text()
+    (pair_files / "calib.yaml").write_text(text.replace("baseline: 0.193001", "baseline: 193.001"))
+    _, out, err = run_pair(capsys, pair_files, "--json")
+    assert "is it in millimetres?" in err
+    assert json.loads(out)["warnings"][0]["code"] == "calibration"
+
+
+def test_calib_show_says_what_was_understood(capsys, tmp_path, raw_pair):
+    (tmp_path / "calib.txt").write_text("P0: 50 0 10 0 0 50 5 0 0 0 1 0\nP1: 50 0 10 -500 0 50 5 0 0 0 1 0\n")
+    code, out, _ = type_in(capsys, "calib", "show", tmp_path / "calib.txt", "--size", "20x10", "--json")
+    found = json.loads(out)
+    assert (code, found["kind"]) == (0, "a rectified pair")
+    assert found["values"]["baseline"] == {"value": 10.0, "origin": "P1[0,3] / -P1[0,0]"}
+    assert any("millimetres" in remark for remark in found["remarks"])
+    assert (
+        "note: the baseline is 10 m" in type_in(capsys, "calib", "show", tmp_path / "calib.txt", "--size", "20x10")[1]
+    )
+    save_cameras(raw_pair[1], tmp_path / "raw.yaml")
+    out = type_in(capsys, "calib", "show", tmp_path / "raw.yaml")[1]
+    assert "two raw cameras" in out
+    assert "left.k1" in out
+    assert "rectified.fx" in out
+    assert out.count("T_right_left") >= 4
+    code, line = complain(capsys, "calib", "show", tmp_path / "calib.txt")
+    assert (code, "holds no image size" in line) == (3, True)
+
+
+def test_calib_convert_writes_our_format(capsys, tmp_path, raw_pair):
+    raw = raw_pair[1]
+    save_cameras(raw, tmp_path / "raw.yaml")
+    for more, expected in (([], raw), (["--rectify"], rectification(raw).rig)):
+        words = ["calib", "convert", tmp_path / "raw.yaml", tmp_path / "ours.yaml", *more]
+        assert type_in(capsys, *words)[1] == f"wrote {tmp_path / 'ours.yaml'}\n"
+        assert read_calibration(tmp_path / "ours.yaml").cameras == expected
+    assert complain(capsys, "calib", "convert", tmp_path / "raw.yaml", tmp_path / "no" / "x.yaml")[0] == 5
+    left = replace(raw.left, distortion=(-3.0, 0, 0, 0, 0))
+    save_cameras(replace(raw, left=left), tmp_path / "folded.yaml")
+    code, line = complain(capsys, "calib", "show", tmp_path / "folded.yaml")
+    assert (code, "folded.yaml: raw rig: the distortion of the left camera" in line) == (3, True)
 
 
 def test_a_folder_is_processed_frame_by_frame(capsys, sequence):
@@ -330,6 +389,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
+    (["calib", "show", "x", "--size", "wide"], "'wide', expected WIDTHxHEIGHT"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
     (["export", "somewhere", "--frame", "-1"], "--frame"),
 ])  # fmt: skip
@@ -499,7 +559,7 @@ def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
     assert (code, "none of 3 vertices falls into the image" in line) == (3, True)
     Image.new("L", (30, 20)).save(pair_files / "small.png")
     code, line = complain(capsys, *words, "--image", pair_files / "small.png")
-    assert (code, "is 30x20 px, expected 300x200" in line) == (3, True)
+    assert (code, "300 x 200 px" in line) == (3, True)
     write_ply(pair_files / "plane.ply", [[0, 0, 1], [1, 0, 1], [0, 1, 1e300]], [[0, 1, 2]], vertex={}, face={})
     code, line = complain(capsys, *words, "--image", pair_files / "left.png")
     assert (code, "vertex 2 is at [0.0, 1.0, 1e+300], expected metres, at most 1e+09" in line) == (3, True)

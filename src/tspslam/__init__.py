@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .types import Surface as Surface
     from .vision.dense import cloud_from_depth as cloud_from_depth
     from .vision.dense import cloud_from_disparity as cloud_from_disparity
+    from .vision.formats import read_calibration as read_calibration
     from .vision.reconstruct import reconstruct as reconstruct
     from .vision.rectify import rectification as rectification
     from .vision.rig import load_rig as load_rig
@@ -64,6 +65,7 @@ _HOMES = {
     "topology.crust": ("crust_surface",),
     "topology.diagnosis": ("diagnose_surface",),
     "topology.harmonic": ("tmahf",),
+    "vision.formats": ("read_calibration",),
     "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
     "session": ("Session", "Settings"),

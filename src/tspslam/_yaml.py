@@ -28,10 +28,13 @@ class _Plain:
     }
 
 
-class _Loader(_Plain, yaml.SafeLoader):
+class PlainLoader(_Plain, yaml.SafeLoader):
+    """PyYAML's safe loader without anchors, tags, merges, repeated keys, or too many levels."""
+
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Refuse anchors, aliases, tags and too many levels."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise _refused("anchors and aliases are not allowed", event)
@@ -45,6 +48,7 @@ class _Loader(_Plain, yaml.SafeLoader):
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Refuse keys that are there twice, or are no words."""
         names: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
@@ -63,7 +67,7 @@ def _decimal(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
     return int(node.value)
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _decimal)
+PlainLoader.add_constructor("tag:yaml.org,2002:int", _decimal)
 
 
 def _refused(problem: str, at: Any) -> yaml.MarkedYAMLError:
@@ -73,7 +77,7 @@ def _refused(problem: str, at: Any) -> yaml.MarkedYAMLError:
 def parse_yaml(text: str) -> Any:
     """Return what plain YAML says; ValueError with the reason, and the line where there are several, if it is not."""
     try:
-        return yaml.load(text, Loader=_Loader)
+        return yaml.load(text, Loader=PlainLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f" in line {mark.line + 1}" if mark is not None and "\n" in text.strip() else ""

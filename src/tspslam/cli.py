@@ -32,11 +32,14 @@ app = typer.Typer(
 )  # fmt: skip
 config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
+calib_app = typer.Typer(help="Calibration files.", no_args_is_help=True)
+app.add_typer(calib_app, name="calib")
 
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting.")]
 PresetOption = Annotated[str, typer.Option(help="Where settings start: default, or paper.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
 OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
+SizeOption = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images, where the file has none.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -45,7 +48,7 @@ def run_command(
     source: Annotated[
         list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder with left/ right/.")
     ] = None,
-    calib: Annotated[Path | None, typer.Option(help="Calibration file of a pair.")] = None,
+    calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk or grid.")] = None,
@@ -130,6 +133,56 @@ def config_show_command(
     width = max(map(len, rows))
     for name, row in rows.items():
         _say(f"{name:<{width}}  {json.dumps(row['value']):<12}  {row['origin']}")
+
+
+@calib_app.command("show")
+def calib_show_command(
+    file: Annotated[Path, typer.Argument(help="Calibration of ours, KITTI, EuRoC, OpenCV, Kalibr or ORB-SLAM.")],
+    size: SizeOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what was understood of a calibration file: every value, and the key of the file that it came from."""
+    from .calibrating import described
+
+    found = described(file, _size(size))
+    if as_json:
+        _say(json.dumps(found, sort_keys=True))
+        return
+    _say(f"{file}: {found['format']}, {found['kind']}")
+    width = max(map(len, found["values"]))
+    for name, row in found["values"].items():
+        lines = row["value"] if isinstance(row["value"], list) else [row["value"]]
+        for line in lines:
+            shown = "  ".join(f"{number:.9g}" for number in line) if isinstance(line, list) else str(line)
+            _say(f"{name:<{width}}  {shown:<22}  {row['origin']}")
+    for remark in found["remarks"]:
+        _say(f"note: {remark}")
+
+
+@calib_app.command("convert")
+def calib_convert_command(
+    file: Annotated[Path, typer.Argument(help="Calibration of any kind that `calib show` understands.")],
+    output: Annotated[Path, typer.Argument(help="File to write, in our format.")],
+    size: SizeOption = None,
+    rectify: Annotated[bool, typer.Option("--rectify", help="Of raw cameras: the rectified pair.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a calibration file of another program in our format."""
+    from .calibrating import converted
+
+    remarks = converted(file, output, _size(size), rectify)
+    for remark in remarks:
+        _note(f"note: {remark}")
+    _say(json.dumps({"written": str(output), "remarks": remarks}) if as_json else f"wrote {output}")
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdecimal() and height.isdecimal() and len(text) < 20):
+        raise typer.BadParameter(f"{text!r}, expected WIDTHxHEIGHT in px, such as 1242x375", param_hint="--size")
+    return int(width), int(height)
 
 
 @app.callback(invoke_without_command=True)
@@ -223,13 +276,13 @@ def _open_source(paths: list[Path], calib: Path | None) -> Source:
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
         return OnePair(datasets.pair_from_files(paths[0], paths[1], calib))
-    if calib is not None:
-        raise typer.BadParameter("goes with a pair of files; a folder has its own calib.yaml", param_hint="--calib")
+    if not paths and calib is not None:
+        raise typer.BadParameter("goes with a pair of files or a folder", param_hint="--calib")
     if not paths:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.StereoFolder(paths[0])
+    return datasets.StereoFolder(paths[0], calib)
 
 
 def _frame_range(text: str | None, count: int) -> range:

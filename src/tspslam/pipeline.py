@@ -118,7 +118,7 @@ def run(
     with RunFolder.create(out, settings) as folder:
         shown, done, skipped = _process_all(source, wanted, Session(source.rig, resolved.settings), folder, progress)
         unpaired = getattr(source, "unpaired", [])
-        record = run_record(source.name, unpaired, done, skipped, folder.config_hash, shown.name)
+        record = run_record(source.name, unpaired, source.rig, done, skipped, folder.config_hash, shown.name)
         _write_results(folder, shown, record, done)
         seconds = {unit["name"]: unit["seconds"] for unit in done if unit["seconds"]}
         folder.write_timings({"frames": seconds, "total_s": time.perf_counter() - started, "machine": machine()})

@@ -16,6 +16,7 @@ from . import __version__
 from .session import Frame
 from .topology.surface import pinched_vertices
 from .types import Rig, StereoPair
+from .vision.rig import doubts
 
 Summary = dict[str, Any]
 Warning_ = dict[str, str]
@@ -47,6 +48,7 @@ def frame_summary(frame: Frame, input_hash: str) -> Summary:
 def run_record(
     source: str,
     unpaired: Sequence[str],
+    rig: Rig,
     done: list[Summary],
     skipped: list[Warning_],
     settings_hash: str,
@@ -69,7 +71,7 @@ def run_record(
             "disparity_offset_px": None,
             "disparity_offset_std_px": None,
         },
-        "warnings": [*skipped, *_warnings(unpaired, done, shown)],
+        "warnings": [*skipped, *_doubts(rig), *_warnings(unpaired, done, shown)],
         "per_frame": [_row(unit) for unit in done],
         "versions": versions(),
         "seeds": {},
@@ -81,6 +83,10 @@ def run_record(
 def _row(unit: Summary) -> Summary:
     row = {key: value for key, value in unit.items() if key not in ("seconds", "input_hash")}
     return row | {"pinched_vertices": len(unit["pinched_vertices"])}
+
+
+def _doubts(rig: Rig) -> Iterator[Warning_]:
+    return ({"code": "calibration", "message": line} for line in doubts(rig))
 
 
 def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Iterator[Warning_]:

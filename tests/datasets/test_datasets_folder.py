@@ -8,8 +8,9 @@ import pytest
 from tspslam.datasets import StereoFolder, pair_from_files
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
-from tspslam.types import Rig
-from tspslam.vision.rig import save_cameras
+from tspslam.types import RawRig, Rig, StereoPair
+from tspslam.vision.calibration import save_cameras
+from tspslam.vision.rectify import rectification
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
 
@@ -75,10 +76,42 @@ def test_incomplete_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lacks the folder right"):
         StereoFolder(tmp_path)
     (tmp_path / "right").mkdir()
-    with pytest.raises(InputError, match=r"calib\.yaml: cannot be opened"):
-        StereoFolder(tmp_path)
-    save_cameras(RIG, tmp_path / "calib.yaml")
     with pytest.raises(InputError, match="0 files in left/ and 0 in right/ have no name in common"):
+        StereoFolder(tmp_path)
+
+
+def test_the_calibration_of_another_program_is_found_in_the_folder_or_given(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["a.png"])
+    (tmp_path / "calib.yaml").rename(tmp_path / "ours.yaml")
+    (tmp_path / "calib.txt").write_text("P0: 50 0 10 0 0 50 5 0 0 0 1 0\nP1: 50 0 10 -5 0 50 5 0 0 0 1 0\n")
+    assert StereoFolder(tmp_path).rig == RIG
+    (tmp_path / "calib.txt").unlink()
+    assert StereoFolder(tmp_path, tmp_path / "ours.yaml")[0].rig == RIG
+
+
+def test_raw_pairs_are_rectified_as_they_are_read(tmp_path: Path, raw_pair: tuple[StereoPair, RawRig]) -> None:
+    pair, raw = raw_pair
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        (tmp_path / side).mkdir()
+        write_png(tmp_path / side / "a.png", image)
+    save_cameras(raw, tmp_path / "calib.yaml")
+    made = rectification(raw)
+    expected = made(pair.left, pair.right)
+    folder = StereoFolder(tmp_path)
+    one = pair_from_files(tmp_path / "left/a.png", tmp_path / "right/a.png", tmp_path / "calib.yaml")
+    for read in (folder[0], one):
+        assert read.rig == folder.rig == made.rig
+        np.testing.assert_array_equal(read.left, expected[0])
+        np.testing.assert_array_equal(read.right, expected[1])
+    write_png(tmp_path / "right" / "a.png", pair.right[:-2])
+    with pytest.raises(InputError, match="a: right image is 741 x 498 px, but its camera has 741 x 500 px"):
+        folder[0]
+
+
+def test_a_folder_without_a_calibration_names_the_one_of_ours(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["a.png"])
+    (tmp_path / "calib.yaml").unlink()
+    with pytest.raises(InputError, match=r"calib\.yaml: cannot be opened"):
         StereoFolder(tmp_path)
 
 

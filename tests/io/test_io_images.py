@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from tspslam.errors import InputError, OutputError
-from tspslam.io import read_image, write_png
+from tspslam.io import image_size, read_image, write_png
 
 FUZZ = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 RAMP = (np.arange(30 * 40) * 53 % 65_521).reshape(30, 40)
@@ -273,3 +273,14 @@ def test_threads_leave_the_warning_filters_as_they_were(tmp_path):
     for thread in threads:
         thread.join()
     assert list(warnings.filters) == before
+
+
+def test_the_size_is_read_from_the_header_alone(tmp_path):
+    write_png(tmp_path / "a.png", np.zeros((20, 30, 3), np.uint8))
+    data = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(data[:50])
+    assert image_size(tmp_path / "a.png") == (30, 20)
+    for bad in (b"", b"no image", data[:20]):
+        (tmp_path / "b.png").write_bytes(bad)
+        with pytest.raises(InputError, match=r"b\.png"):
+            image_size(tmp_path / "b.png")

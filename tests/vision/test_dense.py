@@ -56,7 +56,9 @@ def test_holes_are_dropped_and_the_rest_keeps_its_order() -> None:
     unit = cloud_from_disparity(RIG, holes, UV, sigma=1.0)
     assert cloud.covariance is not None
     assert unit.covariance is not None
-    np.testing.assert_allclose(cloud.covariance / unit.covariance, np.array([1.0, 9.0])[:, None, None] * np.ones((3, 3)))
+    np.testing.assert_allclose(
+        cloud.covariance / unit.covariance, np.array([1.0, 9.0])[:, None, None] * np.ones((3, 3))
+    )
 
 
 def test_a_pair_with_a_map_is_sampled_at_its_keypoints(pair: StereoPair) -> None:

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tspslam.errors import InputError
-from tspslam.types import Camera, RawRig
+from tspslam.datasets import motorcycle_truth
+from tspslam.errors import GeometryError, InputError
+from tspslam.types import Camera, RawRig, StereoPair
+from tspslam.vision.reconstruct import reconstruct_with_quality
 from tspslam.vision.rectify import camera_matrix, distort, rectification
+from tspslam.vision.rig import project
 
 CAMERA = Camera(458.654, 457.296, 367.215, 248.375, 752, 480, (-0.283, 0.0739, 0.00019, 1.76e-05, 0.0))
 
@@ -100,3 +105,43 @@ def test_an_image_of_another_size_is_refused() -> None:
 def test_what_cannot_be_rectified_is_named(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         rectification(replace(RAW, **change))
+
+
+def test_depths_of_a_raw_pair_are_those_of_the_rectified_one(raw_pair: tuple[StereoPair, RawRig]) -> None:
+    pair, raw = raw_pair
+    made = rectification(raw)
+    cloud, quality = reconstruct_with_quality(StereoPair(*made(pair.left, pair.right), made.rig))
+    turn = cv2.Rodrigues(np.array((0.01, -0.01, 0.012)))[0]  # of the raw left camera
+    uv = project(pair.rig, cloud.xyz @ made.R_left @ turn)
+    truth, pixel = motorcycle_truth(), np.rint(uv).astype(int)
+    inside = ((pixel >= 0) & (pixel < (741, 500))).all(axis=1)
+    z = (cloud.xyz @ made.R_left @ turn)[inside, 2]
+    error = pair.rig.fx * pair.rig.baseline / z - pair.rig.doffs - truth[pixel[inside, 1], pixel[inside, 0]]
+    error = error[np.isfinite(error)]
+    assert len(error) > 900
+    assert (np.abs(error) < 1).mean() > 0.93
+    assert abs(np.median(error)) < 0.1
+    assert quality.vertical_offset_std_px < 0.3
+    with pytest.raises(GeometryError, match=r"the rows differ by .* not rectified, or twice"):
+        reconstruct_with_quality(StereoPair(pair.left, pair.right, pair.rig))
+    turned = np.ascontiguousarray(np.rot90(pair.right, 2))
+    with pytest.raises(GeometryError, match=r"most turn by -?180°, expected none: the right image is turned"):
+        reconstruct_with_quality(StereoPair(pair.left, turned, pair.rig))
+
+
+DATA = Path(os.environ.get("TSPSLAM_DATA", Path(__file__).parents[3] / "shared" / "data")) / "euroc_v101_keyframes"
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the EuRoC keyframes are not here")
+def test_rows_of_a_real_raw_pair_agree() -> None:
+    from tspslam.io import read_image
+    from tspslam.vision.formats import read_calibration
+
+    raw = read_calibration(DATA / "cam0_sensor.yaml").cameras
+    made = rectification(raw)
+    for name in sorted((DATA / "images").glob("*_0.jpg"))[::33]:
+        left, right = made(read_image(name), read_image(name.with_name(name.name.replace("_0", "_1"))))
+        cloud, quality = reconstruct_with_quality(StereoPair(left, right, made.rig))
+        assert abs(quality.vertical_offset_px) < 0.3
+        assert quality.vertical_offset_std_px < 0.3
+        assert len(cloud) > 500

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from .._files import PathLike, one_line
 from ..errors import InputError
-from ..types import Rig, StereoPair
-from ..vision.rig import check_pair, load_rig
+from ..io.images import image_size
+from ..types import Image, RawRig, Rig, StereoPair
+from ..vision.formats import read_calibration
+from ..vision.rectify import Rectification, rectification
+from ..vision.rig import check_pair
 
+_CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
 _SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 
 
 def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoPair:
-    """Read a rectified pair from two images and a calibration file.
+    """Read a pair from two images and a calibration file; a raw pair is rectified.
 
     Parameters
     ----------
     left, right : str or path
         Images of the same size and depth.
     calib : str or path
-        Calibration, as `tspslam.load_rig` reads it.
+        Calibration, as `tspslam.read_calibration` reads it.
 
     Returns
     -------
@@ -36,25 +41,29 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
 
     Examples
     --------
-    >>> pair_from_files("left.png", "right.png", "no-such-calib.yaml")
+    >>> pair_from_files("no-such-left.png", "right.png", "calib.yaml")
     Traceback (most recent call last):
-    tspslam.errors.InputError: no-such-calib.yaml: cannot be opened (No such file or directory); expected a ...
+    tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
-    return _read_pair(Path(left), Path(right), load_rig(calib), 0)
+    cameras = read_calibration(calib, image_size(left)).cameras
+    return _Reader(cameras).read(Path(left), Path(right), 0)
 
 
 class StereoFolder:
-    """A folder with `left/`, `right/` and `calib.yaml`; images are paired by name, in natural order.
+    """A folder with `left/`, `right/` and a calibration; images are paired by name, in natural order.
 
     Parameters
     ----------
     path : str or path
         The folder.
+    calib : str or path, optional
+        Calibration, as `tspslam.read_calibration` reads it; by default `calib.yaml`, `calib.txt` or
+        `calib_cam_to_cam.txt` in the folder. Raw pairs are rectified.
 
     Attributes
     ----------
     rig : Rig
-        The cameras, from `calib.yaml`.
+        The cameras of the rectified pairs.
     names : list of str
         Stems of the paired files; ``2`` comes before ``10``.
     unpaired : list of str
@@ -76,10 +85,9 @@ class StereoFolder:
     names: list[str]
     unpaired: list[str]
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
-        self.rig = load_rig(self.path / "calib.yaml")
         self.names = sorted(left.keys() & right.keys(), key=_natural)
         lone = sorted(left.keys() ^ right.keys(), key=_natural)
         self.unpaired = [one_line(f"left/{left[k].name}" if k in left else f"right/{right[k].name}") for k in lone]
@@ -89,6 +97,8 @@ class StereoFolder:
                 f"{self.path}: {len(left)} files in left/ and {len(right)} in right/ have no name in common, "
                 "expected pairs of the same name"
             )
+        self._reader = _Reader(read_calibration(calib or _calibration_in(self.path), self._size()).cameras)
+        self.rig = self._reader.rig
 
     @property
     def name(self) -> str:
@@ -101,19 +111,47 @@ class StereoFolder:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a file is bad."""
         index = range(len(self))[index]
-        return _read_pair(*self._files[index], self.rig, index)
+        return self._reader.read(*self._files[index], index)
 
     def __iter__(self) -> Iterator[StereoPair]:
         """Read one pair after another."""
         return (self[index] for index in range(len(self)))
 
+    def _size(self) -> tuple[int, int] | None:
+        """Size of the first image that has one."""
+        for left, _ in self._files:
+            with contextlib.suppress(InputError):
+                return image_size(left)
+        return None
 
-def _read_pair(left: Path, right: Path, rig: Rig, index: int) -> StereoPair:
-    from ..io.images import read_image
 
-    pair = StereoPair(read_image(left), read_image(right), rig, index=index, name=one_line(left.stem))
-    check_pair(pair)
-    return pair
+class _Reader:
+    """Pairs of one rig from files: rectified, if the cameras are raw."""
+
+    def __init__(self, cameras: Rig | RawRig) -> None:
+        self._rectify: Rectification | None = None
+        if isinstance(cameras, RawRig):
+            self._rectify = rectification(cameras)
+            cameras = self._rectify.rig
+        self.rig: Rig = cameras
+
+    def read(self, left: Path, right: Path, index: int) -> StereoPair:
+        from ..io.images import read_image
+
+        images: tuple[Image, Image] = read_image(left), read_image(right)
+        name = one_line(left.stem)
+        if self._rectify:
+            try:
+                images = self._rectify(*images)
+            except InputError as error:
+                raise InputError(f"{name}: {error}") from error
+        pair = StereoPair(*images, self.rig, index=index, name=name)
+        check_pair(pair)
+        return pair
+
+
+def _calibration_in(folder: Path) -> Path:
+    return next((folder / name for name in _CALIBRATIONS if (folder / name).exists()), folder / _CALIBRATIONS[0])
 
 
 def _images(folder: Path, side: str) -> dict[str, Path]:

@@ -2,7 +2,7 @@
 
 from .._atomic import atomic_write, write_bytes
 from .frames import FrameLike, StoredFrame, read_frame, write_frame
-from .images import read_image, write_png
+from .images import image_size, read_image, write_png
 from .manifest import Unit
 from .mesh import read_mesh
 from .ply import PlyMesh, read_ply, write_ply
@@ -18,6 +18,7 @@ __all__ = [
     "Unit",
     "VtuMesh",
     "atomic_write",
+    "image_size",
     "read_frame",
     "read_image",
     "read_mesh",

@@ -92,6 +92,44 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
             raise bad_input(path, f"cannot be decoded ({reason_of(error)})", _EXPECTED) from error
 
 
+def image_size(path: PathLike) -> tuple[int, int]:
+    """Read the width and height of an image from its header; no pixel is decoded.
+
+    Parameters
+    ----------
+    path : str or path
+        The image file.
+
+    Returns
+    -------
+    width, height : int
+        px.
+
+    Raises
+    ------
+    InputError
+        As `read_image`, but for damage behind the header.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_png(f"{folder}/grey.png", np.zeros((2, 3), np.uint16))
+    ...     image_size(f"{folder}/grey.png")
+    (3, 2)
+    """
+    with open_input(path, _EXPECTED) as handle:
+        try:
+            with _quiet():
+                size = _open_header(handle).size
+            _check_size(size)
+        except InputError as error:
+            raise bad_input(path, str(error), _EXPECTED) from error
+        except _DECODER_ERRORS as error:
+            raise bad_input(path, f"cannot be decoded ({reason_of(error)})", _EXPECTED) from error
+    return size
+
+
 def write_png(path: PathLike, array: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """Write an array as PNG, whole or not at all; the same array gives the same bytes.
 

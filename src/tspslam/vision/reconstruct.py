@@ -17,6 +17,7 @@ from .descriptors import DescriptorMatcher
 from .features import grey_levels
 from .matches import Matches
 from .matching import RowMatcher
+from .mismatch import explain_mismatch
 from .orb import OrbDetector
 from .rig import check_pair
 from .triangulate import PIXEL_SIGMA, triangulate
@@ -88,7 +89,7 @@ def reconstruct(
     InputError
         If the pair is not usable or the options contradict each other.
     GeometryError
-        If fewer than 3 points are found, or the images look swapped.
+        If fewer than 3 points are found, or the images look swapped, turned, or not rectified.
 
     Examples
     --------
@@ -137,6 +138,7 @@ def reconstruct_with_quality(
     _require_features(pair, left, right)
     matches = match(left, right, pair)
     cloud = triangulate(pair.rig, left, matches)
+    explain_mismatch(pair, left, right, len(cloud))
     if len(cloud) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(cloud)} points from {len(left.uv)} left and {len(right.uv)} right keypoints and "

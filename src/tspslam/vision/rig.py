@@ -14,6 +14,7 @@ from .calibration import save_cameras as save_cameras
 
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
+_WIDEST_BASELINE = 5.0  # m, of a pair that a person or a car carries
 LEAST_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
 _FARTHEST = 1e9  # px
 _DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
@@ -165,6 +166,24 @@ def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[Fl
     if len(pixels) and np.abs(pixels).max() > _FARTHEST:
         raise InputError(f"uv holds {np.abs(pixels).max():g} px, expected at most {_FARTHEST:g}")
     return pixels, total
+
+
+def doubts(rig: Rig) -> list[str]:
+    """What looks wrong with a rig though it can be computed with: a line each.
+
+    Examples
+    --------
+    >>> doubts(Rig(fx=500, fy=500, cx=320, cy=240, baseline=193.0, width=640, height=480))
+    ['the baseline is 193 m: is it in millimetres? All depths would be 1000 times too large']
+    """
+    found = []
+    if rig.baseline > _WIDEST_BASELINE:
+        found.append(
+            f"the baseline is {rig.baseline:g} m: is it in millimetres? All depths would be 1000 times too large"
+        )
+    if not (0 <= rig.cx < rig.width and 0 <= rig.cy < rig.height):
+        found.append(f"the principal point ({rig.cx:g}, {rig.cy:g}) px lies outside of {rig.width} x {rig.height} px")
+    return found
 
 
 def check_pair(pair: StereoPair) -> None:
