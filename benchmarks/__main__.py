@@ -1,4 +1,4 @@
-"""Measure everything and print it beside the committed baseline; ``--write`` makes this run the baseline."""
+"""Measure everything and print it beside the committed baseline; ``--write`` commits to this run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import platform
 import sys
 from pathlib import Path
 
-from . import quality, topology
+from . import front_end, quality, topology
 from .measure import process_seconds
 
 BASELINE = Path(__file__).with_name("baseline.json")
@@ -33,6 +33,13 @@ FIGURES = {
     "16 times the pixels": topology.resolution_figures,
     "construction": topology.construction_figures,
     "growth": topology.growth_figures,
+    "SIFT on Motorcycle": lambda: front_end.detector_figures("SIFT"),
+    "BRISK on Motorcycle": lambda: front_end.detector_figures("BRISK"),
+    "450 px wide": lambda: front_end.variant_figures(450),
+    "1 282 px wide": lambda: front_end.variant_figures(1282),
+    "depth cuts, per cent": front_end.cut_figures,
+    "crust, 20 000 points": front_end.crust_figures,
+    "depth buffer, 1 000 000 points": front_end.lidar_figures,
     "start-up": start_up,
 }
 
@@ -48,6 +55,7 @@ def main() -> None:
             print(f"  {key:<24} {value:>12.4g}" + (f"   baseline {before:.4g}" if before is not None else ""))
     if "--write" in sys.argv:
         BASELINE.write_text(json.dumps(measured, indent=1) + "\n")
+        front_end.write_table()
 
 
 main()

@@ -386,7 +386,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "a.png", "b.png"], "--calib"),
     (["run", "a", "b", "c"], "3 paths"),
     (["run", "--calib", "x.yaml"], "--calib"),
-    (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid"),
+    (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid, onnx"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
     (["calib", "show", "x", "--size", "wide"], "'wide', expected WIDTHxHEIGHT"),

@@ -51,7 +51,7 @@ def run_command(
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
-    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk or grid.")] = None,
+    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,

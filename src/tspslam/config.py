@@ -20,6 +20,7 @@ from .topology.surface import DelaunaySurface
 from .vision.dense import GridDetector
 from .vision.descriptors import DescriptorMatcher
 from .vision.matching import RowMatcher
+from .vision.onnx import OnnxDetector
 from .vision.orb import OrbDetector
 from .vision.reconstruct import PAPER_MATCHER
 from .vision.scale_space import BriskDetector, SiftDetector
@@ -27,7 +28,13 @@ from .vision.sgbm import SgbmMatcher
 
 PRESETS = ("default", "paper")
 KINDS: dict[str, dict[str, type]] = {
-    "detector": {"orb": OrbDetector, "sift": SiftDetector, "brisk": BriskDetector, "grid": GridDetector},
+    "detector": {
+        "orb": OrbDetector,
+        "sift": SiftDetector,
+        "brisk": BriskDetector,
+        "grid": GridDetector,
+        "onnx": OnnxDetector,
+    },
     "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher, "sgbm": SgbmMatcher},
     "surface": {"delaunay": DelaunaySurface, "crust": Crust},
     "filter": {"tmahf": Tmahf},

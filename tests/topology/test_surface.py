@@ -28,9 +28,10 @@ def test_no_face_bridges_a_depth_step_and_few_others_are_lost():
 
 
 def test_a_step_within_its_uncertainty_is_no_step():
-    certain, unsure = (delaunay_surface(two_planes(covariance=c)).faces for c in (0.0, 1.0))
+    certain, unsure = (delaunay_surface(two_planes(covariance=c)).faces for c in (0.0, 9.0))
     assert len(unsure) > len(certain)
-    assert len(delaunay_surface(two_planes(covariance=1.0), significance=0).faces) == len(certain)
+    assert len(delaunay_surface(two_planes(covariance=1.0), significance=3).faces) == len(unsure)
+    assert len(delaunay_surface(two_planes(covariance=9.0), significance=0).faces) == len(certain)
 
 
 def test_every_side_has_at_most_two_faces():

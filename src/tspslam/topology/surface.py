@@ -36,8 +36,8 @@ class DelaunaySurface:
     0.2
     """
 
-    max_depth_ratio: float = 0.1
-    significance: float = 3.0
+    max_depth_ratio: float = 0.08
+    significance: float = 1.0
     min_angle: float = 3.0
 
     def __post_init__(self) -> None:
@@ -56,7 +56,7 @@ class DelaunaySurface:
         return Surface(faces[keep])
 
 
-def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.1, significance: float = 3.0) -> Surface:
+def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.08, significance: float = 1.0) -> Surface:
     """Triangulate a cloud in the image, lift the triangles to 3-D and drop those that bridge a depth step.
 
     The Delaunay triangulation of the projections is a planar sheet; leaving faces out keeps every edge with at most
