@@ -34,6 +34,33 @@ def test_a_step_within_its_uncertainty_is_no_step():
     assert len(delaunay_surface(two_planes(covariance=9.0), significance=0).faces) == len(certain)
 
 
+def tilted(covariance=None, noise=0.0, n=300) -> Cloud:
+    """A road: a plane under the camera, depth 3 to 30 m, seen at random pixels."""
+    rng = np.random.default_rng(1)
+    uv = rng.random((n, 2)) * [100, 80]
+    inverse = (8 + uv[:, 1] + noise * rng.normal(size=n)) / 264
+    xyz = np.column_stack([(uv - 50) / inverse[:, None] / 100, 1 / inverse])
+    return Cloud(xyz, uv, 100 * inverse, None if covariance is None else covariance * xyz[:, 2:, None] ** 4 * np.eye(3))
+
+
+def test_a_slope_is_no_step_however_steep():
+    whole = DelaunaySurface(max_depth_ratio=1e9)
+    for cloud in (tilted(), tilted(covariance=1e-5, noise=0.15)):
+        assert len(delaunay_surface(cloud).faces) > 0.95 * len(whole(cloud).faces)
+    doubtless = tilted(noise=0.15)  # without a covariance, a rough slope is taken for steps
+    assert len(delaunay_surface(doubtless).faces) < 0.9 * len(whole(doubtless).faces)
+
+
+def test_a_step_on_a_slope_is_cut():
+    road = tilted()
+    near = road.uv[:, 0] < 50
+    scale = np.where(near, 0.6, 1.0)[:, None]
+    cloud = Cloud(road.xyz * scale, road.uv, road.disparity / scale[:, 0])
+    faces = delaunay_surface(cloud).faces
+    assert set(near[faces].sum(axis=1)) == {0, 3}
+    assert len(faces) > 0.8 * len(delaunay_surface(road).faces)
+
+
 def test_every_side_has_at_most_two_faces():
     faces = delaunay_surface(two_planes()).faces
     complex_ = build_complex(faces, 300)

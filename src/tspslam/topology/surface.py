@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, Cloud, FloatArray, Surface
 
+_ROUNDING = 1e-6  # of inverse depth
+
 
 @dataclass(frozen=True)
 class DelaunaySurface:
@@ -18,10 +20,11 @@ class DelaunaySurface:
     Attributes
     ----------
     max_depth_ratio : float
-        An edge is cut where the farther end's depth exceeds the nearer's by more than this share of it.
+        A face jumps where the depth at one end of a side exceeds that at the other by more than this share of it.
     significance : float
-        Only steps larger than this many standard deviations of the depth difference count as steps, where the cloud
-        has a covariance; 0 trusts every depth.
+        Only jumps larger than this many standard deviations of the difference count, where the cloud has a covariance;
+        0 trusts every depth. A face that jumps stays if it continues the planes of all its neighbours, to within as
+        many standard deviations: a slope, such as a road, is no step.
     min_angle : float
         Faces whose smallest image angle is below this are slivers, degrees; at most 60.
 
@@ -50,14 +53,18 @@ class DelaunaySurface:
     def __call__(self, cloud: Cloud) -> Surface:
         """Triangulate `cloud`; see `delaunay_surface`."""
         _refuse(cloud)
-        faces = _triangulate(cloud.uv)
-        keep = ~_bridges_step(cloud, faces, self.max_depth_ratio, self.significance)
-        keep &= _smallest_angle(cloud.uv[faces]) >= np.radians(self.min_angle)
+        faces, neighbours = _triangulate(cloud.uv)
+        keep = _smallest_angle(cloud.uv[faces]) >= np.radians(self.min_angle)
+        jumps = np.flatnonzero(keep & _jumps(cloud, faces, self.max_depth_ratio, self.significance))
+        keep[jumps] = _is_slope(cloud, faces, neighbours, jumps, self.significance)
         return Surface(faces[keep])
 
 
 def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.08, significance: float = 1.0) -> Surface:
     """Triangulate a cloud in the image, lift the triangles to 3-D and drop those that bridge a depth step.
+
+    A step is a jump of depth along a side that is no slope: some neighbour is off the face's plane. (Inverse depth is
+    linear over the image of a plane.)
 
     The Delaunay triangulation of the projections is a planar sheet; leaving faces out keeps every edge with at most
     two faces, so the surface is edge-manifold, with boundary; `pinched_vertices` says where cuts left two sheets that
@@ -68,9 +75,10 @@ def delaunay_surface(cloud: Cloud, *, max_depth_ratio: float = 0.08, significanc
     cloud : Cloud
         N >= 3 points that one camera sees.
     max_depth_ratio : float
-        A face bridges a step if, along a side, depth grows by more than this share of the nearer depth.
+        A jump is a growth of depth along a side by more than this share of the nearer depth
     significance : float
-        ... and by more than this many standard deviations of the difference, where the cloud has a covariance.
+        ... and by more than this many standard deviations of the difference, where the cloud has a covariance. A
+        neighbour is off the plane if it is so by more than as many of its own.
 
     Returns
     -------
@@ -150,7 +158,8 @@ def _refuse(cloud: Cloud) -> None:
         raise InputError(f"surface: the covariance of point {bad} is not finite, expected finite m²")
 
 
-def _triangulate(uv: FloatArray) -> NDArray[np.int32]:
+def _triangulate(uv: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Triangles (F, 3), and the neighbour opposite to each corner, -1 at the border."""
     from scipy.spatial import Delaunay, QhullError
 
     if len(uv) < 3:
@@ -161,22 +170,58 @@ def _triangulate(uv: FloatArray) -> NDArray[np.int32]:
         what = "at one place" if spread[0] <= 1e-9 else "on one line"
         raise GeometryError(f"surface: all {len(uv)} points lie {what} in the image, expected a spread both ways")
     try:
-        return np.ascontiguousarray(Delaunay(centred).simplices, dtype=np.int32)
+        mesh = Delaunay(centred)
+        return np.ascontiguousarray(mesh.simplices, dtype=np.int32), mesh.neighbors
     except QhullError as error:
         reason = str(error).strip().splitlines()[0]
         raise GeometryError(f"surface: {len(uv)} points cannot be triangulated ({reason})") from error
 
 
-def _bridges_step(cloud: Cloud, faces: NDArray[np.int32], max_ratio: float, significance: float) -> BoolArray:
+def _jumps(cloud: Cloud, faces: NDArray[np.int32], max_ratio: float, significance: float) -> BoolArray:
     """Whether a side of each face jumps in depth: by much against the depth, and against its uncertainty."""
-    depth = cloud.xyz[:, 2]
-    variance = np.zeros(len(depth)) if cloud.covariance is None else cloud.covariance[:, 2, 2]
+    depth, variance = cloud.xyz[:, 2], _variance(cloud)
     ends, others = faces, np.roll(faces, -1, axis=1)
     jump = np.abs(depth[ends] - depth[others])
     is_large = jump > max_ratio * np.minimum(depth[ends], depth[others])
     is_significant = jump**2 > significance**2 * (variance[ends] + variance[others])
-    steps: BoolArray = np.any(is_large & is_significant, axis=1)
-    return steps
+    found: BoolArray = np.any(is_large & is_significant, axis=1)
+    return found
+
+
+def _is_slope(
+    cloud: Cloud, faces: NDArray[np.int32], neighbours: NDArray[np.int32], rows: NDArray[np.int64], significance: float
+) -> BoolArray:
+    """Whether each of some faces has two neighbours or three, and lies in one plane with all of them."""
+    inverse = 1 / cloud.xyz[:, 2]
+    tolerance = (significance * np.sqrt(_variance(cloud)) * inverse + _ROUNDING) * inverse
+    fits, count = np.ones(len(rows), bool), np.zeros(len(rows), int)
+    for corner in range(3):
+        other = neighbours[rows, corner]
+        apex = np.take_along_axis(faces[other], np.argmax(neighbours[other] == rows[:, None], axis=1)[:, None], 1)[:, 0]
+        opposite = faces[rows, corner]
+        off = np.abs(_continued(cloud.uv, inverse, faces[rows], apex) - inverse[apex]) > tolerance[apex]
+        off &= np.abs(_continued(cloud.uv, inverse, faces[other], opposite) - inverse[opposite]) > tolerance[opposite]
+        fits &= ~off | (other < 0)
+        count += other >= 0
+    return fits & (count >= 2)
+
+
+def _continued(uv: FloatArray, values: FloatArray, faces: NDArray[np.int32], at: NDArray[np.int32]) -> FloatArray:
+    """Value of each face's plane at a vertex; infinite for a face without area."""
+    origin, p, q = uv[faces[:, 0]], uv[faces[:, 1]] - uv[faces[:, 0]], uv[faces[:, 2]] - uv[faces[:, 0]]
+    step = uv[at] - origin
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+        a = (step[:, 0] * q[:, 1] - step[:, 1] * q[:, 0]) / area
+        b = (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]) / area
+        first, second, third = values[faces].T
+        found = first + a * (second - first) + b * (third - first)
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def _variance(cloud: Cloud) -> FloatArray:
+    """Variance of depth, m²; 0 for a cloud without a covariance."""
+    return np.zeros(len(cloud)) if cloud.covariance is None else cloud.covariance[:, 2, 2]
 
 
 def _smallest_angle(corners: FloatArray) -> FloatArray:
