@@ -29,6 +29,12 @@ def small_pair(motorcycle):
 
 
 @pytest.fixture(scope="session")
+def motorcycle_truth_piece():
+    """True disparities of the small pair's left image."""
+    return datasets.motorcycle_truth()[200:400, 300:600]
+
+
+@pytest.fixture(scope="session")
 def raw_pair(motorcycle):
     """The Motorcycle pair as two turned cameras with distortion would have taken it: (pair, raw rig)."""
     rig = motorcycle.rig

@@ -107,6 +107,39 @@ def test_a_raw_pair_is_rectified_and_run(capsys, tmp_path, raw_pair):
     assert (code, "describes raw cameras, expected a rectified one" in line) == (3, True)
 
 
+def test_an_image_with_a_map_is_run(capsys, pair_files, motorcycle_truth_piece):
+    np.save(pair_files / "map.npy", motorcycle_truth_piece)
+    words = [
+        "run",
+        pair_files / "left.png",
+        "--calib",
+        pair_files / "calib.yaml",
+        "--out",
+        pair_files / "out",
+        "--json",
+    ]
+    code, out, _ = type_in(capsys, *words, "--disparity", pair_files / "map.npy", "--detector", "grid")
+    assert (code, json.loads(out)["complex"]["n"] > 150) == (0, True)
+    z = small_depth(pair_files, motorcycle_truth_piece)
+    Image.fromarray(z).save(pair_files / "z.png")
+    words[5] = pair_files / "other"
+    code, out, _ = type_in(capsys, *words, "--depth", pair_files / "z.png", "--unit", "0.001")
+    assert (code, json.loads(out)["complex"]["n"] > 150) == (0, True)
+    assert complain(capsys, *words, "--depth", pair_files / "z.png")[0] == 3
+
+
+def small_depth(folder, disparity):
+    rig = read_calibration(folder / "calib.yaml").cameras
+    z = rig.fx * rig.baseline / (disparity + rig.doffs)
+    return np.where(np.isfinite(z), np.rint(1000 * z), 0).astype(np.uint16)
+
+
+def test_a_surface_that_fails_is_said(capsys, pair_files):
+    _, out, err = run_pair(capsys, pair_files, "--set", "surface.kind=crust", "--json")
+    assert "for an open cloud use delaunay_surface" in err
+    assert [each["code"] for each in json.loads(out)["warnings"]] == ["surface"]
+
+
 def test_a_baseline_in_millimetres_is_doubted(capsys, pair_files):
     text = (pair_files / "calib.yaml").read_text()
     (pair_files / "calib.yaml").write_text(text.replace("baseline: 0.193001", "baseline: 193.001"))
@@ -389,6 +422,9 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid, onnx"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
+    (["run", "a.png", "--depth", "z.png"], "a map goes with one image, --calib"),
+    (["run", "a.png", "--calib", "c.yaml", "--depth", "z.png", "--disparity", "d.png"], "either --depth or --disparity"),
+    (["run", "a.png", "b.png", "--calib", "c.yaml", "--unit", "2"], "goes with --depth or --disparity"),
     (["calib", "show", "x", "--size", "wide"], "'wide', expected WIDTHxHEIGHT"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
     (["export", "somewhere", "--frame", "-1"], "--frame"),

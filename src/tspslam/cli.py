@@ -49,6 +49,9 @@ def run_command(
         list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder with left/ right/.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
+    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, .npy).")] = None,
+    disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
+    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
@@ -66,7 +69,12 @@ def run_command(
         raise typer.BadParameter(f"{detector!r}, expected one of {', '.join(known)}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
-    pairs = _open_source(source or [], calib)
+    if depth or disparity:
+        pairs = _open_map(source or [], calib, depth, disparity, unit)
+    elif unit is not None:
+        raise typer.BadParameter("goes with --depth or --disparity", param_hint="--unit")
+    else:
+        pairs = _open_source(source or [], calib)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     _announce_compilation()
@@ -283,6 +291,20 @@ def _open_source(paths: list[Path], calib: Path | None) -> Source:
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
     return datasets.StereoFolder(paths[0], calib)
+
+
+def _open_map(
+    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, unit: float | None
+) -> Source:
+    from . import datasets
+    from .pipeline import OnePair
+
+    if len(paths) != 1 or calib is None or (depth and disparity):
+        wanted = "one image, --calib, and either --depth or --disparity"
+        raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
+    if disparity:
+        return OnePair(datasets.pair_from_map(paths[0], disparity, calib, kind="disparity", unit=unit))
+    return OnePair(datasets.pair_from_map(paths[0], depth or "", calib, unit=unit))
 
 
 def _frame_range(text: str | None, count: int) -> range:

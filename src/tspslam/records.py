@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import __version__
 from .session import Frame
+from .topology.crust import CrustSurface
 from .topology.surface import pinched_vertices
 from .types import Rig, StereoPair
 from .vision.rig import doubts
@@ -35,6 +36,7 @@ def frame_summary(frame: Frame, input_hash: str) -> Summary:
         "faces": len(frame.complex_.faces),
         "euler": frame.complex_.euler,
         "pinched_vertices": pinched_vertices(frame.surface.faces, len(frame.cloud)).tolist(),
+        "surface": frame.surface.report.verdict if isinstance(frame.surface, CrustSurface) else "image Delaunay",
         "defined": int(frame.response.defined.sum()),
         "keypoints_left": quality.keypoints_left,
         "keypoints_right": quality.keypoints_right,
@@ -97,7 +99,10 @@ def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Itera
         names = ", ".join(unpaired[:3])
         yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner of the same name: {names}"}
     pinched = sum(len(unit["pinched_vertices"]) for unit in done)
-    if pinched:
+    broken = {unit["surface"] for unit in done} - {"image Delaunay", "closed manifold"}
+    for verdict in sorted(broken):
+        yield {"code": "surface", "message": verdict}
+    if pinched and not broken:
         message = (
             f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
         )
