@@ -32,6 +32,8 @@ FIGURES = {
     "T-MAHF harmonic": lambda: topology.filter_figures("harmonic"),
     "16 times the pixels": topology.resolution_figures,
     "construction": topology.construction_figures,
+    "heat, t = 1": lambda: topology.heat_figures(1.0),
+    "heat, t = 10": lambda: topology.heat_figures(10.0),
     "growth": topology.growth_figures,
     "SIFT on Motorcycle": lambda: front_end.detector_figures("SIFT"),
     "BRISK on Motorcycle": lambda: front_end.detector_figures("BRISK"),

@@ -26,3 +26,8 @@ def test_sixteen_times_the_pixels_cost_six_times_the_time():
 
 def test_construction_is_eighty_times_faster_than_one_object_a_simplex():
     assert topology.construction_figures()["times_faster"] >= 80
+
+
+def test_heat_is_faster_than_the_exponential_of_scipy():
+    """Measured 3.5 to 10 times at t = 1, 19 at t = 10."""
+    assert topology.heat_figures(10.0)["times_faster_than_scipy"] > 5

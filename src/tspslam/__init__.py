@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from .topology.crust import crust_surface as crust_surface
     from .topology.diagnosis import diagnose_surface as diagnose_surface
     from .topology.harmonic import tmahf as tmahf
+    from .topology.spectral import heat_filter as heat_filter
+    from .topology.spectral import heat_kernel as heat_kernel
+    from .topology.spectral import smooth_signals as smooth_signals
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
     from .types import Camera as Camera
@@ -61,6 +64,7 @@ _HOMES = {
     "vision.rectify": ("rectification",),
     "topology.surface": ("delaunay_surface",),
     "topology.complex": ("Complex", "build_complex"),
+    "topology.spectral": ("heat_filter", "heat_kernel", "smooth_signals"),
     "topology.texture": ("sample_signals",),
     "topology.crust": ("crust_surface",),
     "topology.diagnosis": ("diagnose_surface",),
