@@ -88,6 +88,9 @@ def test_descriptors_of_other_kinds_are_refused(pair: StereoPair) -> None:
     whole = features_at(uv, np.zeros((1, 32), np.int64))
     with pytest.raises(InputError, match=r"int64 of shape \(32,\), expected rows of uint8 or float32"):
         DescriptorMatcher()(whole, whole, pair)
+    none = features_at(uv, np.zeros((1, 0), np.uint8))
+    with pytest.raises(InputError, match="keypoints have no descriptors"):
+        DescriptorMatcher()(none, none, pair)
     with pytest.raises(InputError, match=r"uint8 of shape \(32,\) on the left and float32"):
         DescriptorMatcher()(binary, real, pair)
     with pytest.raises(InputError, match=r"\(32,\) on the left and uint8 of shape \(16,\) on the right"):

@@ -86,6 +86,8 @@ class DescriptorMatcher:
         InputError
             If the descriptors differ in kind or length, or are neither uint8 nor float32.
         """
+        if left.descriptor.shape[1:] == (0,):
+            raise InputError(f"{pair.name}: keypoints have no descriptors, expected a detector with some, or a row matcher")
         low, high = widest_range(pair, self.min_disparity, self.max_disparity)
         i, j = self.pairs(left, right, pair.left.shape[0], low, high)
         rows = right.uv[j, 1] - left.uv[i, 1]
