@@ -87,7 +87,9 @@ class DescriptorMatcher:
             If the descriptors differ in kind or length, or are neither uint8 nor float32.
         """
         if left.descriptor.shape[1:] == (0,):
-            raise InputError(f"{pair.name}: keypoints have no descriptors, expected a detector with some, or a row matcher")
+            raise InputError(
+                f"{pair.name}: keypoints have no descriptors, expected some, or a matcher of rows or blocks"
+            )
         low, high = widest_range(pair, self.min_disparity, self.max_disparity)
         i, j = self.pairs(left, right, pair.left.shape[0], low, high)
         rows = right.uv[j, 1] - left.uv[i, 1]
