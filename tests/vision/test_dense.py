@@ -75,6 +75,18 @@ def test_a_pair_with_a_map_is_sampled_at_its_keypoints(pair: StereoPair) -> None
     assert set(np.diff(np.unique(grid.uv[:, 0]))) == {20}
 
 
+def test_a_map_that_knows_too_little_is_named_with_the_pair(pair: StereoPair) -> None:
+    few = np.full((500, 741), np.nan)
+    with pytest.raises(GeometryError, match="motorcycle: the map knows the disparity of none of 2000 places, expected"):
+        reconstruct(replace(pair, disparity=few))
+    few[250, 300] = 30.0
+    grid = GridDetector(step=10)
+    uv = grid(np.zeros((500, 741), np.uint8)).uv.astype(int)
+    few[uv[:2, 1], uv[:2, 0]] = 30.0
+    with pytest.raises(GeometryError, match="motorcycle: 2 places of the map are known, expected at least 3"):
+        reconstruct(replace(pair, disparity=few), detector=grid)
+
+
 @pytest.mark.parametrize("block", [3, 7])
 def test_block_matching_is_right_on_motorcycle(pair: StereoPair, block: int) -> None:
     truth = motorcycle_truth()
@@ -96,6 +108,8 @@ def test_block_matching_on_a_grid_needs_no_descriptors(pair: StereoPair) -> None
     (cloud_from_disparity, (ramp(), UV[:, :1]), r"uv has shape \(3, 1\)"),
     (cloud_from_disparity, (ramp(), [[64.0, 3]]), "uv holds places outside of 64 x 48 px"),
     (cloud_from_disparity, (ramp(), [[np.nan, 3]]), "uv holds places outside"),
+    (cloud_from_disparity, (np.full((48, 64), 1e300), UV), "median of 1e\\+300 px, expected at most the width, 64 px"),
+    (cloud_from_disparity, (np.full((48, 64), -20.0), UV), "none of 3 places .values are negative: left and right"),
     (cloud_from_depth, (np.ones((48, 64), np.uint16), UV), "uint16 without a unit"),
     (cloud_from_depth, (np.full((48, 64), 2400.0), UV), "median of 2400 m, expected metres; unit=0.001"),
     (cloud_from_depth, (np.ones((10, 10)), UV), "depth map is 10 x 10"),

@@ -85,7 +85,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     >>> cloud_from_disparity(rig, np.full((480, 640), 25.0), [[320, 290]]).xyz.tolist()
     [[0.0, 0.2, 2.0]]
     """
-    known = checked_map("disparity", disparity, rig)
+    known = _possible(checked_map("disparity", disparity, rig), rig)
     places = np.asarray(uv, np.float64)
     if places.ndim != 2 or places.shape[1] != 2:
         raise InputError(f"uv has shape {places.shape}, expected (N, 2)")
@@ -94,7 +94,8 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     found = sample_map(np.where(known + rig.doffs >= LEAST_TOTAL, known, np.nan), places)
     rows = np.flatnonzero(np.isfinite(found))
     if len(rows) == 0:
-        raise GeometryError(f"the map knows the disparity of none of {len(places)} places, expected at least one")
+        behind = " (values are negative: left and right look swapped)" if np.any(known + rig.doffs < 0) else ""
+        raise GeometryError(f"the map knows the disparity of none of {len(places)} places{behind}, expected some")
     spread = np.broadcast_to(np.asarray(sigma, np.float64), len(places))[rows]
     uv, disparity = places[rows], found[rows]
     return Cloud(back_project(rig, uv, disparity), uv, disparity, covariance(rig, uv, disparity, spread))
@@ -177,6 +178,15 @@ def checked_map(what: str, values: ArrayLike, rig: Rig) -> FloatArray:
     if array.dtype.kind != "f":
         raise InputError(f"{what} map is {array.dtype}, expected floats")
     return np.where(np.isfinite(array), array, np.nan).astype(np.float64)
+
+
+def _possible(disparity: FloatArray, rig: Rig) -> FloatArray:
+    """Disparities up to the image's width; others are unknown, unless they are most: then the unit is another."""
+    known, beyond = np.isfinite(disparity).sum(), disparity > rig.width
+    if 2 * beyond.sum() > known:
+        most = float(np.nanmedian(disparity))
+        raise InputError(f"disparity map has a median of {most:.4g} px, expected at most the width, {rig.width} px")
+    return np.where(beyond, np.nan, disparity)
 
 
 def sample_map(disparity: FloatArray, uv: FloatArray) -> FloatArray:

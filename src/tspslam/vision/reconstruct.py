@@ -150,7 +150,12 @@ def reconstruct_with_quality(
 def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> tuple[Cloud, StereoQuality]:
     """Cloud at the keypoints of the left image, from a map of disparities."""
     _require_features(pair, left, left)
-    cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=PIXEL_SIGMA * left.scale)
+    try:
+        cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=PIXEL_SIGMA * left.scale)
+    except InputError as error:
+        raise type(error)(f"{pair.name}: {error}") from error
+    if len(cloud) < _FEWEST:
+        raise GeometryError(f"{pair.name}: {len(cloud)} places of the map are known, expected at least {_FEWEST}")
     return cloud, StereoQuality(0.0, 0.0, len(left.uv), 0, len(cloud), 0)
 
 
