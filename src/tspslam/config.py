@@ -98,10 +98,9 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     given += [("--set", *_split(assignment)) for assignment in assignments]
     start = _with_kinds(_preset(preset), given)
     values = flatten(start)
-    plain = flatten(Settings())
-    origin = {
-        name: "default" if value == plain.get(name, value) else f"preset {preset}" for name, value in values.items()
-    }
+    plain, chosen = flatten(Settings()), flatten(_preset(preset))
+    from_preset = {name for name, value in chosen.items() if value != plain.get(name) and value == values.get(name)}
+    origin = {name: f"preset {preset}" if name in from_preset else "default" for name in values}
     types = _types(start)
     for source, name, value in given:
         values[name] = _checked(name, value, types, source)

@@ -152,7 +152,7 @@ def _process_all(
 
 def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summary:
     """Summary of one frame; computed anew only if the folder does not hold it."""
-    key, path = pair_hash(pair), folder.frame_path(pair.index)
+    key, path = _input_hash(pair, session), folder.frame_path(pair.index)
     summary_path = path.with_suffix(".json")
     if folder.is_done(path, input_hash=key) and folder.is_done(summary_path, input_hash=key):
         stored: Summary = json.loads(summary_path.read_text(encoding="utf-8"))
@@ -164,6 +164,12 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summa
     folder.record(path, input_hash=key)
     folder.record(summary_path, input_hash=key)
     return summary | {"seconds": frame.seconds}
+
+
+def _input_hash(pair: StereoPair, session: Session) -> str:
+    """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
+    prints = [getattr(stage, "fingerprint", "") for stage in vars(session.settings).values()]
+    return hash_of([pair_hash(pair), prints]) if any(prints) else pair_hash(pair)
 
 
 def _write_results(folder: RunFolder, pair: StereoPair, record: dict[str, Any], done: list[Summary]) -> None:

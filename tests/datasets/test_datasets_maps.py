@@ -68,8 +68,8 @@ def test_maps_that_cannot_be_used_are_named(folder: Path, values: np.ndarray, un
 
 def test_a_disparity_map_of_whole_numbers_needs_a_unit(folder: Path) -> None:
     np.save(folder / "map.npy", np.ones((10, 20), np.uint16))
-    for unit in (None, 0.0, np.nan):
-        with pytest.raises(InputError, match="disparity map is uint16 with unit"):
+    for unit, said in ((None, "disparity map is uint16 without a unit"), (0.0, "unit is 0.0"), (np.nan, "unit is nan")):
+        with pytest.raises(InputError, match=said):
             pair_from_map(*files(folder, "map.npy"), kind="disparity", unit=unit)
 
 

@@ -97,6 +97,23 @@ def test_block_matching_is_right_on_motorcycle(pair: StereoPair, block: int) -> 
     assert np.nanmean(error[np.isfinite(error)] < 1) > 0.85
 
 
+@pytest.mark.parametrize("low", [-3000.0, -1000.0, -500.0])
+def test_block_matching_knows_no_disparity_beyond_its_limits(pair: StereoPair, low: float) -> None:
+    found = SgbmMatcher().disparity_map(pair, low, 70)
+    assert not (found < -740).any()
+    cloud = reconstruct(pair, matcher=SgbmMatcher(min_disparity=low, max_disparity=70), detector=GridDetector(step=25))
+    assert len(cloud) > 300
+
+
+@pytest.mark.parametrize("shape", [(1, 50), (24, 100), (12, 12)])
+def test_block_matching_of_a_tiny_pair_knows_nothing(shape: tuple[int, int]) -> None:
+    rig = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=shape[1], height=shape[0])
+    tiny = StereoPair(noise(*shape), noise(*shape), rig)
+    assert np.isnan(SgbmMatcher(block=15).disparity_map(tiny, 30, 90)).all()
+    with pytest.raises(GeometryError, match="expected at least 3"):
+        reconstruct(tiny, matcher=SgbmMatcher(block=15), detector=GridDetector(step=5))
+
+
 def test_block_matching_on_a_grid_needs_no_descriptors(pair: StereoPair) -> None:
     cloud = reconstruct(pair, matcher=SgbmMatcher(max_disparity=70), detector=GridDetector(step=25))
     assert len(cloud) > 300
@@ -108,7 +125,7 @@ def test_block_matching_on_a_grid_needs_no_descriptors(pair: StereoPair) -> None
     (cloud_from_disparity, (ramp(), UV[:, :1]), r"uv has shape \(3, 1\)"),
     (cloud_from_disparity, (ramp(), [[64.0, 3]]), "uv holds places outside of 64 x 48 px"),
     (cloud_from_disparity, (ramp(), [[np.nan, 3]]), "uv holds places outside"),
-    (cloud_from_disparity, (np.full((48, 64), 1e300), UV), "median of 1e\\+300 px, expected at most the width, 64 px"),
+    (cloud_from_disparity, (np.full((48, 64), 1e30), UV), "median of 1e\\+30 px, expected at most the width, 64 px"),
     (cloud_from_disparity, (np.full((48, 64), -20.0), UV), "none of 3 places .values are negative: left and right"),
     (cloud_from_depth, (np.ones((48, 64), np.uint16), UV), "uint16 without a unit"),
     (cloud_from_depth, (np.full((48, 64), 2400.0), UV), "median of 2400 m, expected metres; unit=0.001"),
@@ -119,7 +136,20 @@ def test_maps_that_do_not_fit_are_named(function, arguments, message) -> None:  
         function(RIG, *arguments)
 
 
-@pytest.mark.parametrize("unit", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"uv": [[1, 2], [3]]}, "uv has rows of different lengths"),
+    ({"uv": [["a", "b"]]}, "uv is <U1, expected numbers"),
+    ({"disparity": [[1.0], [2.0, 3.0]]}, "disparity map has rows of different lengths"),
+    ({"sigma": [1.0, 2.0]}, r"sigma is float64 of shape \(2,\), expected one number or 3"),
+    ({"disparity": np.full((48, 64), np.longdouble("1e4000"))}, "none of 3 places"),
+])  # fmt: skip
+def test_odd_arrays_are_named(arguments: dict[str, object], message: str) -> None:
+    given = {"disparity": ramp(), "uv": UV} | arguments
+    with pytest.raises(InputError, match=message):
+        cloud_from_disparity(RIG, **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("unit", [0.0, -1.0, np.nan, "mm", 10**400])
 def test_a_unit_is_positive(unit: float) -> None:
     with pytest.raises(InputError, match="unit is"):
         cloud_from_depth(RIG, np.ones((48, 64)), UV, unit=unit)
@@ -133,6 +163,9 @@ def test_a_map_without_values_is_named(empty: float) -> None:
 
 @pytest.mark.parametrize(("kind", "setting", "message"), [
     (GridDetector, {"step": 0}, "grid: step is 0"), (SgbmMatcher, {"block": 4}, "block is 4, expected an odd"),
+    (SgbmMatcher, {"block": 17}, "block is 17, expected an odd number from 1 to 15"),
+    (GridDetector, {"step": 2.5}, "step is 2.5, expected a whole number"),
+    (SgbmMatcher, {"min_disparity": -1e12}, "expected px, at most 100000 either way"),
     (SgbmMatcher, {"uniqueness": 101}, "uniqueness, speckle are 101"),
     (SgbmMatcher, {"min_disparity": 9.0, "max_disparity": 3.0}, "expected at most max_disparity"),
 ])  # fmt: skip

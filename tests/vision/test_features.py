@@ -76,6 +76,21 @@ def test_a_blob_is_found_at_its_centre_on_every_octave(kind: type) -> None:
     assert (near & (features.scale > 2)).any()
 
 
+def test_sift_keypoints_stand_in_the_middle_of_their_blobs() -> None:
+    centres = np.random.default_rng(0).uniform(40, 360, (12, 2))
+    v, u = np.mgrid[:400, :400]
+    for sigma in (3.0, 6.0):
+        spots = [np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * sigma**2)) for x, y in centres]
+        uv = SiftDetector()((30 + 180 * np.clip(np.sum(spots, axis=0), 0, 1)).round().astype(np.uint8)).uv
+        offset = np.array([uv[np.abs(uv - c).sum(axis=1).argmin()] - c for c in centres])
+        assert np.abs(np.median(offset, axis=0)).max() < 0.1
+
+
+def test_brisk_has_no_more_octaves_than_the_image_has_room_for() -> None:
+    for shape in ((16, 16), (24, 100), (140, 100)):
+        assert len(BriskDetector(octaves=8)(noise(*shape)).uv) >= 0
+
+
 @every
 def test_detection_is_deterministic(pair: StereoPair, kind: type) -> None:
     grey = grey_levels(pair.right)

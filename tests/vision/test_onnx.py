@@ -119,3 +119,9 @@ def test_files_that_are_no_network_are_named(tmp_path: Path) -> None:
         OnnxDetector(str(tmp_path / "bad.onnx"))(grey)
     with pytest.raises(InputError, match="onnx: radius is 0"):
         OnnxDetector("x", radius=0)
+
+
+def test_another_network_in_the_same_file_is_another_input(tmp_path: Path, path: Path) -> None:
+    first = OnnxDetector(str(path)).fingerprint
+    network(path, {"scores": (2 * blob(), 1), "descriptors": (patterns(), 4)})
+    assert OnnxDetector(str(path)).fingerprint != first

@@ -93,6 +93,25 @@ def test_an_image_of_another_size_is_refused() -> None:
         rectification(RAW)(good, bad)
 
 
+@pytest.mark.parametrize("lens", [(0, 0, 0, 0, 1e-310), (-1e-110, 0, 0, 0, 0), (1e-312, 1e-312, 0, 0, 0)])
+def test_a_distortion_that_is_next_to_nothing_is_nothing(lens: tuple[float, ...]) -> None:
+    tiny, none = (replace(RAW, left=replace(CAMERA, distortion=d)) for d in (lens, (0.0,) * 5))
+    assert rectification(tiny).rig == rectification(none).rig
+
+
+@pytest.mark.parametrize("image", [np.zeros((480, 752), np.int32), np.zeros((480, 752, 5), np.uint8), np.zeros(9)])
+def test_what_is_no_image_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"left image .* expected"):
+        rectification(RAW)(image, image)
+
+
+@pytest.mark.parametrize("size", [(300_000, 300_000), (20_000, 16_000), (32_767, 2)])
+def test_cameras_of_unheard_size_are_refused_before_memory_is_taken(size: tuple[int, int]) -> None:
+    large = replace(CAMERA, width=size[0], height=size[1])
+    with pytest.raises(InputError, match=f"cameras have {size[0]} x {size[1]} px, expected at most 32766"):
+        rectification(replace(RAW, left=large, right=large))
+
+
 @pytest.mark.parametrize(("change", "message"), [
     ({"T_right_left": pose((0, 0, 0), (0.11, 0, 0))}, r"right camera is at \(-0.11, .*expected it to the right"),
     ({"T_right_left": pose((0, 0, 0), (0, -0.11, 0))}, "expected it to the right"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ from .._files import PathLike, bad_input, one_line, open_input, reason_of
 from ..errors import InputError
 from ..io.images import LARGEST_AREA, read_image
 from ..types import RawRig, StereoPair
-from ..vision.dense import checked_map, disparity_of_depth
+from ..vision.dense import checked_map, checked_unit, disparity_of_depth
 from ..vision.formats import read_calibration
 from ..vision.rig import check_pair
 
@@ -114,7 +115,8 @@ def _read_npy(path: PathLike) -> NDArray[Any]:
             major, _ = np.lib.format.read_magic(handle)
             header = np.lib.format.read_array_header_1_0 if major == 1 else np.lib.format.read_array_header_2_0
             shape, _, dtype = header(handle)
-            if dtype.hasobject or int(np.prod(shape, dtype=object)) > LARGEST_AREA:
+            count = int(np.prod(shape, dtype=object))
+            if dtype.hasobject or count > LARGEST_AREA or count * dtype.itemsize > os.fstat(handle.fileno()).st_size:
                 raise bad_input(path, f"holds {dtype} of shape {shape}", _EXPECTED)
             handle.seek(0)
             return np.lib.format.read_array(handle, allow_pickle=False)
@@ -126,6 +128,8 @@ def _scaled(values: NDArray[Any], unit: float | None) -> NDArray[Any]:
     """Disparities in px; whole numbers need a unit, and 0 is unknown in them."""
     if values.dtype.kind == "f" and unit is None:
         return values
-    if unit is None or not 1e-9 <= unit <= 1e9:
-        raise InputError(f"disparity map is {values.dtype} with unit {unit}, expected px in one step, such as 1/256")
-    return np.where(values == 0, np.nan, values * unit) if values.dtype.kind in "iu" else values * unit
+    if unit is None:
+        raise InputError(f"disparity map is {values.dtype} without a unit, expected px in one step, such as 1/256")
+    with np.errstate(over="ignore"):
+        scaled = values.astype(np.float64) * checked_unit(unit)
+    return np.where(values == 0, np.nan, scaled) if values.dtype.kind in "iu" else scaled

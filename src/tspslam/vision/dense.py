@@ -40,8 +40,8 @@ class GridDetector:
     step: int = 16
 
     def __post_init__(self) -> None:
-        if not 1 <= self.step <= 10_000:
-            raise InputError(f"grid: step is {self.step}, expected 1 to 10000")
+        if not isinstance(self.step, int | np.integer) or not 1 <= self.step <= 10_000:
+            raise InputError(f"grid: step is {self.step}, expected a whole number from 1 to 10000")
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Places of the grid in an (H, W) image, row by row, with equal margins."""
@@ -86,7 +86,10 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     [[0.0, 0.2, 2.0]]
     """
     known = _possible(checked_map("disparity", disparity, rig), rig)
-    places = np.asarray(uv, np.float64)
+    places = _array("uv", uv)
+    if places.dtype.kind not in "iuf":
+        raise InputError(f"uv is {places.dtype}, expected numbers")
+    places = places.astype(np.float64)
     if places.ndim != 2 or places.shape[1] != 2:
         raise InputError(f"uv has shape {places.shape}, expected (N, 2)")
     if len(places) and not ((places >= 0) & (places <= (rig.width - 1, rig.height - 1))).all():
@@ -96,7 +99,10 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     if len(rows) == 0:
         behind = " (values are negative: left and right look swapped)" if np.any(known + rig.doffs < 0) else ""
         raise GeometryError(f"the map knows the disparity of none of {len(places)} places{behind}, expected some")
-    spread = np.broadcast_to(np.asarray(sigma, np.float64), len(places))[rows]
+    spread = _array("sigma", sigma)
+    if spread.shape not in ((), (len(places),)) or spread.dtype.kind not in "iuf":
+        raise InputError(f"sigma is {spread.dtype} of shape {spread.shape}, expected one number or {len(places)}")
+    spread = np.broadcast_to(spread.astype(np.float64), len(places))[rows]
     uv, disparity = places[rows], found[rows]
     return Cloud(back_project(rig, uv, disparity), uv, disparity, covariance(rig, uv, disparity, spread))
 
@@ -155,12 +161,10 @@ def disparity_of_depth(rig: Rig, depth: ArrayLike, *, unit: float | None = None)
     >>> disparity_of_depth(rig, [[2.0, 0.0]]).tolist()
     [[25.0, nan]]
     """
-    values: NDArray[Any] = np.asarray(depth)
+    values = _array("depth map", depth)
     if values.dtype.kind in "iu" and unit is None:
         raise InputError(f"depth map is {values.dtype} without a unit, expected unit=0.001 for millimetres, say")
-    scale = 1.0 if unit is None else float(unit)
-    if not 1e-9 <= scale <= 1e9:
-        raise InputError(f"unit is {unit}, expected metres in one step of the depth map, such as 0.001")
+    scale = checked_unit(unit)
     z = checked_map("depth", values.astype(np.float64) if values.dtype.kind in "iu" else values, rig) * scale
     z = np.where(z >= 1e-9, z, np.nan)
     median = float(np.nanmedian(z)) if np.isfinite(z).any() else 0.0
@@ -169,15 +173,33 @@ def disparity_of_depth(rig: Rig, depth: ArrayLike, *, unit: float | None = None)
     return rig.fx * rig.baseline / z - rig.doffs
 
 
+def checked_unit(unit: float | None) -> float:
+    """Return how much one step of a map is, 1 by default; InputError unless it is a number from 1e-9 to 1e9."""
+    if unit is None:
+        return 1.0
+    if isinstance(unit, bool) or not isinstance(unit, int | float | np.number) or not 1e-9 <= unit <= 1e9:
+        raise InputError(f"unit is {repr(unit)[:40]}, expected how much one step of the map is, such as 0.001")
+    return float(unit)
+
+
 def checked_map(what: str, values: ArrayLike, rig: Rig) -> FloatArray:
     """Return a map as float64 with NaN where it is not finite; InputError unless it is of floats and the rig's size."""
-    array: NDArray[Any] = np.asarray(values)
+    array = _array(f"{what} map", values)
     if array.shape != (rig.height, rig.width):
         size = " x ".join(map(str, array.shape[::-1]))
         raise InputError(f"{what} map is {size}, expected {rig.width} x {rig.height} px, the image's size")
     if array.dtype.kind != "f":
         raise InputError(f"{what} map is {array.dtype}, expected floats")
-    return np.where(np.isfinite(array), array, np.nan).astype(np.float64)
+    with np.errstate(over="ignore"):
+        values64 = array.astype(np.float64)
+    return np.where(np.abs(values64) < 1e100, values64, np.nan)  # farther than any, and no product overflows
+
+
+def _array(what: str, values: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{what} has rows of different lengths, expected an array") from error
 
 
 def _possible(disparity: FloatArray, rig: Rig) -> FloatArray:

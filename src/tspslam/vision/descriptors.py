@@ -15,6 +15,7 @@ from .consistency import supported
 from .matches import Matches
 
 _WIDEST = 0.35  # of the image's width: disparities beyond it leave too little in common
+_LARGEST_LIMIT = 1e5  # px of disparity
 _FEW = 20  # supported matches that a range of disparities needs
 
 
@@ -176,8 +177,8 @@ def check_range(name: str, value: float, low: float, high: float) -> None:
 def check_limits(lowest: float | None, highest: float | None) -> None:
     """Raise InputError unless both limits of disparity are None or finite, and in order."""
     for name, value in (("min_disparity", lowest), ("max_disparity", highest)):
-        if value is not None and not np.isfinite(value):
-            raise InputError(f"matcher: {name} is {value}, expected a finite number of px")
+        if value is not None and not abs(value) <= _LARGEST_LIMIT:
+            raise InputError(f"matcher: {name} is {value}, expected px, at most {_LARGEST_LIMIT:g} either way")
     if lowest is not None and highest is not None and lowest > highest:
         raise InputError(f"matcher: min_disparity is {lowest}, expected at most max_disparity, {highest}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,12 @@ class OnnxDetector:
     def __post_init__(self) -> None:
         check_ranges("onnx", self, SPREAD_RANGES | {"threshold": (0.0, 1e9), "radius": (1, 100)})
 
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the file, hexadecimal: what a result depends on besides the settings."""
+        with open_input(self.path or "detector.path", _EXPECTED) as handle:
+            return hashlib.sha256(handle.read()).hexdigest()
+
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints in an (H, W) uint8 image."""
         check_plane("onnx", grey)
@@ -114,7 +121,7 @@ def _load_version(path: str, stamp: int) -> Any:
 
 def _load(path: str) -> Any:
     """The network of a file; read again when the file has changed."""
-    with open_input(path, "an ONNX network"):
+    with open_input(path or "detector.path", _EXPECTED):
         return _load_version(path, Path(path).stat().st_mtime_ns)
 
 

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, Camera, FloatArray, Image, RawRig, Rig
 from ._parallel import both
+from .rig import LARGEST_AREA, check_image
 
 _LARGEST_TURN = 45.0  # degrees between the two cameras
 _LARGEST_ZOOM = 5.0  # of the focal length
+_LARGEST_SIDE = 32_766  # px, of OpenCV's resampling
+_NEGLIGIBLE = 1e-9  # of a coefficient of distortion
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -53,9 +56,10 @@ class Rectification:
         Raises
         ------
         InputError
-            If an image has not the size of its camera.
+            If an image is none, or has not the size of its camera.
         """
         for side, image, camera in (("left", left, self.raw.left), ("right", right, self.raw.right)):
+            check_image(f"{side} image", image)
             if image.shape[:2] != (camera.height, camera.width):
                 size = f"{image.shape[1]} x {image.shape[0]}"
                 raise InputError(f"{side} image is {size} px, but its camera has {camera.width} x {camera.height} px")
@@ -133,6 +137,9 @@ def _check_geometry(raw: RawRig) -> None:
     sizes = [(camera.width, camera.height) for camera in (raw.left, raw.right)]
     if sizes[0] != sizes[1]:
         raise InputError(f"raw rig: cameras have {sizes[0]} and {sizes[1]} px, expected the same size")
+    if max(sizes[0]) > _LARGEST_SIDE or sizes[0][0] * sizes[0][1] > LARGEST_AREA:
+        wanted = f"at most {_LARGEST_SIDE} px a side and {LARGEST_AREA} in all"
+        raise InputError(f"raw rig: cameras have {sizes[0][0]} x {sizes[0][1]} px, expected {wanted}")
     R, t = raw.matrix[:3, :3], raw.matrix[:3, 3]
     turn = float(np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1))))
     if turn > _LARGEST_TURN:
@@ -148,7 +155,7 @@ def _check_geometry(raw: RawRig) -> None:
 
 def _check_distortion(side: str, camera: Camera) -> None:
     """Refuse a radial distortion that turns back before the farthest corner: no ray would reach that corner."""
-    k1, k2, _, _, k3 = camera.distortion
+    k1, k2, k3 = (k if abs(k) > _NEGLIGIBLE else 0.0 for k in (camera.distortion[at] for at in (0, 1, 4)))
     u = np.array([0, camera.width - 1, 0, camera.width - 1]) - camera.cx
     v = np.array([0, 0, camera.height - 1, camera.height - 1]) - camera.cy
     corner = float(np.hypot(u / camera.fx, v / camera.fy).max())
@@ -195,8 +202,10 @@ def _maps(camera: Camera, R: FloatArray, rig: Rig) -> Maps:
     rows = [R[0, k] * ray_u + (R[1, k] * ray_v + R[2, k])[:, None] for k in range(3)]  # of Rᵀ (u, v, 1)
     front = rows[2] > 1e-6
     depth = np.where(front, rows[2], 1.0)
-    u, v = distort(camera, rows[0] / depth, rows[1] / depth)
-    return np.where(front, u, -1e6).astype(np.float32), np.where(front, v, -1e6).astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        u, v = distort(camera, rows[0] / depth, rows[1] / depth)
+        seen = front & (np.abs(u) < 1e6) & (np.abs(v) < 1e6)
+    return np.where(seen, u, -1e6).astype(np.float32), np.where(seen, v, -1e6).astype(np.float32)
 
 
 def _check_fold(side: str, camera: Camera, u: NDArray[np.float32], v: NDArray[np.float32]) -> None:

@@ -205,7 +205,7 @@ def check_pair(pair: StereoPair) -> None:
     >>> check_pair(StereoPair(np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8), rig))
     """
     for side, image in (("left", pair.left), ("right", pair.right)):
-        _check_image(f"{pair.name}: {side} image", image)
+        check_image(f"{pair.name}: {side} image", image)
     left, right = pair.left, pair.right
     if left.shape != right.shape:
         raise InputError(f"{pair.name}: left image is {_size(left)}, right {_size(right)}, expected the same size")
@@ -217,7 +217,8 @@ def check_pair(pair: StereoPair) -> None:
         )
 
 
-def _check_image(what: str, image: NDArray[Any]) -> None:
+def check_image(what: str, image: NDArray[Any]) -> None:
+    """Raise InputError unless an image is grey or RGB, of a type that is known, not too large, and in its range."""
     if not isinstance(image, np.ndarray) or image.dtype not in _DTYPES:
         kind = getattr(image, "dtype", type(image).__name__)
         raise InputError(f"{what} is {kind}, expected an array of uint8, uint16 or float")

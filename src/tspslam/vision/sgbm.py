@@ -14,6 +14,7 @@ from .features import grey_levels
 from .matches import Matches
 from .windows import Windows, smooth_plane, vertical_offsets
 
+_FARTHEST = 2000.0  # px
 _STEP = 16  # OpenCV's disparities come in sixteenths of a pixel, and their number in sixteens
 
 
@@ -53,8 +54,8 @@ class SgbmMatcher:
 
     def __post_init__(self) -> None:
         check_limits(self.min_disparity, self.max_disparity)
-        if not (1 <= self.block <= 31 and self.block % 2):
-            raise InputError(f"sgbm: block is {self.block}, expected an odd number from 1 to 31")
+        if not (1 <= self.block <= 15 and self.block % 2):  # larger ones overflow OpenCV's costs
+            raise InputError(f"sgbm: block is {self.block}, expected an odd number from 1 to 15")
         if not (0 <= self.uniqueness <= 100 and 0 <= self.speckle <= 1_000_000):
             raise InputError(f"sgbm: uniqueness, speckle are {self.uniqueness}, {self.speckle}, expected 0 to 100, 1e6")
 
@@ -68,10 +69,16 @@ class SgbmMatcher:
         return Matches(rows, np.full(len(rows), -1), found[rows], np.ones(len(rows)), median, spread)
 
     def disparity_map(self, pair: StereoPair, low: float, high: float) -> FloatArray:
-        """Disparities of the left image, (H, W) float64, px, between `low` and about `high`; NaN where not known."""
+        """Disparities of the left image, (H, W) float64, px, between `low` and about `high`; NaN where not known.
+
+        OpenCV's hold in 16 bits: limits are cut to ±2000 px. An image smaller than twice the block knows nothing.
+        """
         import cv2
 
+        low, high = (float(np.clip(limit, -_FARTHEST, _FARTHEST)) for limit in (low, high))
         first = int(np.floor(low))
+        if min(pair.left.shape[:2]) < 2 * self.block + 2 or pair.left.shape[1] <= max(abs(first), abs(high)) + _STEP:
+            return np.full(pair.left.shape[:2], np.nan)
         count = max(_STEP, -(-int(np.ceil(high) - first + 1) // _STEP) * _STEP)
         area = self.block**2
         sgbm = cv2.StereoSGBM.create(
@@ -83,6 +90,7 @@ class SgbmMatcher:
 
     def _range(self, left: Features, right: Features, pair: StereoPair) -> tuple[float, float]:
         if left.descriptor.shape[1] == 0 or right.descriptor.shape[1] == 0:
-            return widest_range(pair, self.min_disparity, self.max_disparity)
+            low, high = widest_range(pair, self.min_disparity, self.max_disparity)
+            return max(low, -pair.rig.doffs), high
         survey = replace(DescriptorMatcher(), min_disparity=self.min_disparity, max_disparity=self.max_disparity)
         return survey_disparities(survey, left, right, pair)[0]

@@ -51,7 +51,7 @@ def visible_uv(
     """
     from ._visibility import draw_faces, draw_points, hide
 
-    if not (0 <= radius <= _WIDEST and 0 <= tolerance <= 1):
+    if not (isinstance(radius, int | np.integer) and 0 <= radius <= _WIDEST and 0 <= tolerance <= 1):
         raise InputError(f"radius, tolerance are {radius}, {tolerance}, expected 0 to {_WIDEST} px and 0 to 1")
     uv, points = project(rig, xyz), np.ascontiguousarray(xyz, np.float64)
     inverse = np.zeros((rig.height, rig.width), np.float32)  # 1 / z of the nearest: 0 is empty

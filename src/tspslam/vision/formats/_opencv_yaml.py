@@ -61,5 +61,7 @@ def parse_mapping(text: str, path: PathLike, expected: str) -> dict[Any, Any]:
     content = parse_opencv_yaml(text, path, expected)
     if not isinstance(content, dict):
         kind = "blank" if content is None else f"a {type(content).__name__}, not a mapping"
+        if text.lstrip().startswith("<?xml"):
+            kind = "XML, which is not read"
         raise bad_input(path, f"is {kind}", expected)
     return content
