@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -299,12 +299,13 @@ def _open_map(
     from . import datasets
     from .pipeline import OnePair
 
-    if len(paths) != 1 or calib is None or (depth and disparity):
+    kinds: tuple[tuple[Literal["depth", "disparity"], Path | None], ...] = (("depth", depth), ("disparity", disparity))
+    maps = [(kind, path) for kind, path in kinds if path]
+    if len(paths) != 1 or calib is None or len(maps) != 1:
         wanted = "one image, --calib, and either --depth or --disparity"
         raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
-    if disparity:
-        return OnePair(datasets.pair_from_map(paths[0], disparity, calib, kind="disparity", unit=unit))
-    return OnePair(datasets.pair_from_map(paths[0], depth or "", calib, unit=unit))
+    kind, path = maps[0]
+    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, unit=unit))
 
 
 def _frame_range(text: str | None, count: int) -> range:

@@ -16,8 +16,8 @@ from .records import array_hash, hash_of, machine, versions
 from .topology.complex import build_complex
 from .topology.harmonic import Tmahf
 from .topology.texture import sample_signals
-from .types import Cloud, FloatArray, Image, RawRig, Rig, Surface
-from .vision.formats import read_calibration
+from .types import Cloud, FloatArray, Image, Rig, Surface
+from .vision.formats import read_rectified
 from .vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
@@ -51,7 +51,7 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         If something cannot be written.
     """
     pixels = read_image(image)
-    rig = _rig_of(calibration, pixels)
+    rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:
         frame = _filtered(xyz, faces, pixels, rig, stage, one_line(mesh.stem))
@@ -67,15 +67,6 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)
-
-
-def _rig_of(calibration: Path, pixels: Image) -> Rig:
-    """The rectified cameras of a file, which must be for images of this size."""
-    height, width = pixels.shape[:2]
-    rig = read_calibration(calibration, (width, height)).cameras
-    if isinstance(rig, RawRig):
-        raise InputError(f"{calibration}: describes raw cameras, expected a rectified one, as the image must be")
-    return rig
 
 
 def _filtered(

@@ -168,8 +168,8 @@ def _process_one(pair: StereoPair, session: Session, folder: RunFolder) -> Summa
 
 def _input_hash(pair: StereoPair, session: Session) -> str:
     """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
-    prints = [getattr(stage, "fingerprint", "") for stage in vars(session.settings).values()]
-    return hash_of([pair_hash(pair), prints]) if any(prints) else pair_hash(pair)
+    key, prints = pair_hash(pair), session.fingerprints
+    return hash_of([key, prints]) if any(prints) else key
 
 
 def _write_results(folder: RunFolder, pair: StereoPair, record: dict[str, Any], done: list[Summary]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -125,6 +126,11 @@ class Session:
     def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
         self.rig = rig
         self.settings = settings or Settings()
+
+    @functools.cached_property
+    def fingerprints(self) -> tuple[str, ...]:
+        """Hashes of the files that stages read, such as a network's; read once."""
+        return tuple(getattr(stage, "fingerprint", "") for stage in vars(self.settings).values())
 
     def process(self, pair: StereoPair) -> Frame:
         """From a pair of images to the harmonic response at every point.

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from .._files import PathLike, bad_input, one_line, open_input, reason_of
 from ..errors import InputError
 from ..io.images import LARGEST_AREA, read_image
-from ..types import RawRig, StereoPair
+from ..types import StereoPair
 from ..vision.dense import checked_map, checked_unit, disparity_of_depth
-from ..vision.formats import read_calibration
+from ..vision.formats import read_rectified
 from ..vision.rig import check_pair
 
 _EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, or a .npy of numbers"
@@ -60,9 +60,7 @@ def pair_from_map(
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
     pixels = read_image(image)
-    rig = read_calibration(calib, (pixels.shape[1], pixels.shape[0])).cameras
-    if isinstance(rig, RawRig):
-        raise InputError(f"{calib}: describes raw cameras, expected a rectified one, as image and map must be")
+    rig = read_rectified(calib, (pixels.shape[1], pixels.shape[0]))
     values = read_map(map_)
     try:
         if kind == "depth":

@@ -191,9 +191,9 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
     extra = _pairs(edges, n)
     start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
     if _kernels.may_repeat_faces(ascending, start, ends, slots):
-        distinct = _first_of_each(ascending)
+        distinct = first_of_equals(ascending)
         if len(distinct) < len(ascending):
-            ascending = distinct
+            ascending = ascending[distinct]
             start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
     numbered = np.empty((len(ends), 2), np.int32)
     face_edges = np.empty(ascending.shape, np.int32)
@@ -233,12 +233,13 @@ def _pairs(edges: ArrayLike | None, n: int) -> Index:
     return np.stack([low, high], axis=1).astype(np.int32)
 
 
-def _first_of_each(rows: Index) -> Index:
-    order = np.lexsort(rows.T[::-1])
-    ordered = rows[order]
-    is_new = np.ones(len(rows), bool)
+def first_of_equals(table: NDArray[Any]) -> NDArray[np.int64]:
+    """Rows of a table that equal no earlier row, ascending."""
+    order = np.lexsort(table.T[::-1])
+    ordered = table[order]
+    is_new = np.ones(len(table), bool)
     is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    return rows[np.sort(order[is_new])]
+    return np.sort(order[is_new])  # the sort is stable: the first of a run is the earliest row
 
 
 def _incidence(boundary: Index, signs: NDArray[np.int8], rows: int) -> csr_array:

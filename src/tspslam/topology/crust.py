@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..errors import GeometryError
 from ..types import BoolArray, Cloud, FloatArray, Surface
 from ._crust import farthest_centres, flood_outside
+from .complex import first_of_equals
 from .diagnosis import checked_positions, diagnose_surface, edges_of
 
 # Lengths from here on are in units of the cloud's longest side; the cloud stands around the origin.
@@ -170,7 +171,7 @@ def crust_surface(xyz: FloatArray) -> CrustSurface:
     200 points, 396 faces, Euler characteristic 2: closed manifold
     """
     xyz = checked_positions(xyz, "crust")
-    rows = _first_of_equals(xyz)
+    rows = first_of_equals(xyz)
     samples = _jittered(_normalised(xyz, rows))
     corners = np.concatenate([samples, _poles(samples), BOX])
     simplices, neighbours = _delaunay(corners, len(rows))
@@ -182,15 +183,6 @@ def crust_surface(xyz: FloatArray) -> CrustSurface:
     walls = _facets(simplices, corners, is_candidate & (np.arange(len(simplices))[:, None] < neighbours))
     faces = _in_order(rows[shore].astype(np.int32))
     return CrustSurface(faces, _report(faces, xyz, len(rows), walls))
-
-
-def _first_of_equals(table: FloatArray) -> NDArray[np.int64]:
-    """Rows that equal no earlier row, ascending."""
-    order = np.lexsort(table.T[::-1])
-    ordered = table[order]
-    is_new = np.ones(len(table), bool)
-    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    return np.sort(order[is_new])  # the sort is stable: the first of a run is the earliest row
 
 
 def _normalised(xyz: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
@@ -261,7 +253,7 @@ def _thinned(poles: FloatArray, radius: FloatArray) -> FloatArray:
     Poles of a torus crowd along one circle; triangulated all, they would cost most of the time and the memory.
     """
     cell = 2.0 ** np.round(np.log2(POLE_CELL * radius))[:, None]
-    kept: FloatArray = poles[_first_of_equals(np.hstack([np.round(poles / cell), cell]))]
+    kept: FloatArray = poles[first_of_equals(np.hstack([np.round(poles / cell), cell]))]
     return kept
 
 

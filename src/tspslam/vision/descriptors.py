@@ -12,6 +12,7 @@ from ..errors import GeometryError, InputError
 from ..types import Features, FloatArray, StereoPair
 from ._parallel import both
 from .consistency import supported
+from .features import check_ranges
 from .matches import Matches
 
 _WIDEST = 0.35  # of the image's width: disparities beyond it leave too little in common
@@ -61,10 +62,8 @@ class DescriptorMatcher:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_range("row_tolerance", self.row_tolerance, 0, 100)
-        check_range("max_hamming", self.max_hamming, 0, 256)
-        check_range("max_l2", self.max_l2, 0, 2)
-        check_range("ratio", self.ratio, 0, 1)
+        ranges: dict[str, tuple[float, float]] = {"row_tolerance": (0, 100), "max_hamming": (0, 256)}
+        check_ranges("matcher", self, ranges | {"max_l2": (0, 2), "ratio": (0, 1)})
         check_limits(self.min_disparity, self.max_disparity)
 
     def __call__(self, left: Features, right: Features, pair: StereoPair) -> Matches:
@@ -166,12 +165,6 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
         return 0.0, 0.0
     median = float(np.median(values))
     return median, 1.4826 * float(np.median(np.abs(values - median)))
-
-
-def check_range(name: str, value: float, low: float, high: float) -> None:
-    """Raise InputError unless ``low <= value <= high``."""
-    if not low <= value <= high:
-        raise InputError(f"matcher: {name} is {value}, expected {low} to {high}")
 
 
 def check_limits(lowest: float | None, highest: float | None) -> None:

@@ -11,7 +11,8 @@ from ..types import Features, FloatArray, StereoPair
 from ._parallel import both
 from .consistency import supported
 from .descriptors import DescriptorMatcher as DescriptorMatcher
-from .descriptors import check_limits, check_range, median_and_spread, survey_disparities
+from .descriptors import check_limits, median_and_spread, survey_disparities
+from .features import check_ranges
 from .matches import Matches as Matches
 from .windows import Plane, Windows, refine, search, shift_rows, smooth_plane, vertical_offsets
 
@@ -87,10 +88,8 @@ class RowMatcher:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_range("min_correlation", self.min_correlation, 0, 0.999)
-        check_range("uniqueness", self.uniqueness, 0, 1)
-        check_range("max_disagreement", self.max_disagreement, 0, 10)
-        check_range("max_gain", self.max_gain, 1, 10)
+        ranges: dict[str, tuple[float, float]] = {"min_correlation": (0, 0.999), "uniqueness": (0, 1)}
+        check_ranges("matcher", self, ranges | {"max_disagreement": (0, 10), "max_gain": (1, 10)})
         check_limits(self.min_disparity, self.max_disparity)
         self._descriptors()
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..._files import PathLike, bad_input
 from ...errors import InputError
+from ...types import RawRig, Rig
 from ._calibration import Calibration as Calibration
 from ._opencv_yaml import parse_mapping, read_text
 from ._own import is_own, read_own
@@ -79,6 +80,14 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
             return read(source, pixels)
     keys = ", ".join(str(key)[:30] for key in list(source.values)[:6])
     raise bad_input(path, f"holds no calibration that is known (its keys: {keys})", _EXPECTED)
+
+
+def read_rectified(path: PathLike, size: tuple[int, int] | None = None) -> Rig:
+    """Read as `read_calibration` the cameras of a rectified pair; those of a raw one are an `InputError`."""
+    cameras = read_calibration(path, size).cameras
+    if isinstance(cameras, RawRig):
+        raise InputError(f"{path}: describes raw cameras, expected a rectified one, as the image must be")
+    return cameras
 
 
 def _checked_size(size: Any) -> Size | None:
