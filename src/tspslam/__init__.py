@@ -32,9 +32,16 @@ if TYPE_CHECKING:
     from .topology.crust import crust_surface as crust_surface
     from .topology.diagnosis import diagnose_surface as diagnose_surface
     from .topology.harmonic import tmahf as tmahf
+    from .topology.hodge import harmonic_basis as harmonic_basis
+    from .topology.hodge import hodge_decompose as hodge_decompose
+    from .topology.homology import betti_numbers as betti_numbers
+    from .topology.laplacian import unsigned_laplacian as unsigned_laplacian
+    from .topology.spectral import chebyshev_filter as chebyshev_filter
     from .topology.spectral import heat_filter as heat_filter
     from .topology.spectral import heat_kernel as heat_kernel
     from .topology.spectral import smooth_signals as smooth_signals
+    from .topology.spectral import tikhonov_filter as tikhonov_filter
+    from .topology.spectrum import spectrum as spectrum
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
     from .types import Camera as Camera
@@ -64,7 +71,11 @@ _HOMES = {
     "vision.rectify": ("rectification",),
     "topology.surface": ("delaunay_surface",),
     "topology.complex": ("Complex", "build_complex"),
-    "topology.spectral": ("heat_filter", "heat_kernel", "smooth_signals"),
+    "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
+    "topology.spectrum": ("spectrum",),
+    "topology.laplacian": ("unsigned_laplacian",),
+    "topology.hodge": ("harmonic_basis", "hodge_decompose"),
+    "topology.homology": ("betti_numbers",),
     "topology.texture": ("sample_signals",),
     "topology.crust": ("crust_surface",),
     "topology.diagnosis": ("diagnose_surface",),

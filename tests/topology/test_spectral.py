@@ -3,9 +3,19 @@ import pytest
 from scipy.linalg import expm
 from scipy.sparse import csr_array, diags_array
 
-from tspslam import InputError, build_complex, heat_filter, heat_kernel, sample_signals, smooth_signals
+from tspslam import (
+    InputError,
+    build_complex,
+    chebyshev_filter,
+    heat_filter,
+    heat_kernel,
+    sample_signals,
+    smooth_signals,
+    tikhonov_filter,
+)
 from tspslam.topology import _spectral
-from tspslam.topology.spectral import LARGEST_DENSE, _parts, spectral_filter, unsigned_laplacian
+from tspslam.topology.laplacian import parts_of, unsigned_laplacian
+from tspslam.topology.spectral import LARGEST_DENSE, spectral_filter
 
 from .scenes import grid_faces, torus_faces
 
@@ -49,9 +59,45 @@ def test_graph_heat_keeps_the_mass_and_the_constants():
     np.testing.assert_allclose(heat_filter(TORUS.L0, np.full(192, 0.3), 7.0), 0.3, atol=1e-10)
 
 
+RESPONSES = [np.cos, lambda x: 1 / (1 + 5 * x), lambda x: x * np.exp(-x), np.ones_like, lambda x: 1e-5 * x**3]
+
+
+@every
+@pytest.mark.parametrize("response", RESPONSES)
+def test_a_chebyshev_polynomial_follows_any_smooth_response(L, response):
+    signal = noise(L, 2)
+    expected = spectral_filter(L, signal, response)
+    high = max(1e-300, np.abs(response(np.linspace(0, 30, 1000))).max())
+    for got in (chebyshev_filter(L, signal, response), chebyshev_filter(L, signal, response, degree=400)):
+        assert np.linalg.norm(got - expected) <= 1e-9 * high * np.linalg.norm(signal)
+
+
+def test_fewer_terms_are_a_coarser_filter_and_steps_need_a_number_of_terms():
+    signal = noise(TORUS.L0)
+
+    def low(values):
+        return (values < 2.11) * 1.0
+
+    with pytest.raises(InputError, match=r"16384 terms do not follow the response to 1e-10, expected .* degree="):
+        chebyshev_filter(TORUS.L0, signal, low)
+    exact = spectral_filter(TORUS.L0, signal, low)
+    errors = [np.linalg.norm(chebyshev_filter(TORUS.L0, signal, low, degree=d) - exact) for d in (10, 100, 2000)]
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 0.02 * np.linalg.norm(signal)
+
+
+@every
+@pytest.mark.parametrize("weight", [0.0, 0.5, 100.0])
+def test_tikhonov_minimises_its_cost(L, weight):
+    signal = noise(L, 2)
+    expected = np.linalg.solve(np.eye(L.shape[0]) + weight * L.toarray(), signal)
+    np.testing.assert_allclose(tikhonov_filter(L, signal, weight), expected, atol=1e-8)
+    np.testing.assert_allclose(tikhonov_filter(L, signal[:, 0], weight), expected[:, 0], atol=1e-8)
+
+
 @every
 def test_the_bound_holds_the_spectrum(L):
-    high = _spectral.largest_eigenvalue(*_parts(csr_array(L)))
+    high = _spectral.largest_eigenvalue(*parts_of(csr_array(L)))
     assert np.linalg.eigvalsh(L.toarray())[-1] <= high + 1e-12
 
 
@@ -116,12 +162,31 @@ def test_empty_and_lonely_complexes_are_filtered():
     np.testing.assert_array_equal(heat_filter(build_complex([], 3).L0, [1.0, 2, 3], 5.0), [1, 2, 3])
 
 
+def test_a_texture_is_refused_by_filters_of_one_level():
+    signals = sample_signals(np.zeros((9, 9)), np.zeros((192, 2)), TORUS)
+    with pytest.raises(InputError, match="signal is a Signals, expected an array of one level"):
+        heat_filter(TORUS.L1, signals, 1.0)
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: tikhonov_filter(TORUS.L0, np.zeros(192), -1.0), r"weight is -1\.0, expected a finite number >= 0"),
+    (lambda: tikhonov_filter(TORUS.L0 - 9 * diags_array(np.ones(192)), noise(TORUS.L0), 1.0), "cannot be solved"),
+    (lambda: chebyshev_filter(TORUS.L0, np.zeros(192), np.cos, degree=0), "degree is 0, expected an integer from 1"),
+    (lambda: chebyshev_filter(TORUS.L0, np.zeros(192), np.cos, error=1.0), r"error is 1\.0"),
+    (lambda: chebyshev_filter(TORUS.L0, np.zeros(192), lambda x: x[:3]), r"response gives shape \(3,\)"),
+    (lambda: chebyshev_filter(TORUS.L0, np.zeros(192), lambda x: x * np.nan), "finite values"),
+])  # fmt: skip
+def test_bad_filters_are_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
 def skewed():
     return csr_array(np.triu(np.ones((4, 4))))
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    ({"t": -1.0}, "t is -1.0, expected a finite time >= 0"),
+    ({"t": -1.0}, "t is -1.0, expected a finite number >= 0"),
     ({"t": np.inf}, "t is inf"),
     ({"t": "1"}, "t is '1'"),
     ({"t": 1e12}, "expected a smaller t: over 100000 terms"),

@@ -25,6 +25,14 @@ class Rows(NamedTuple):
     indices: Index
 
 
+class Boundary(NamedTuple):
+    """Boundaries of elements: that of element x is ``rim[start[x]:start[x + 1]]``, with orientation ``sign`` ±1."""
+
+    start: Index
+    rim: Index
+    sign: NDArray[np.int8]
+
+
 class Neighbours(NamedTuple):
     """The unsigned neighbourhoods of every vertex, as sparse (N, N), (N, E), (N, F) matrices of ones.
 
@@ -74,12 +82,21 @@ class Complex:
     @cached_property
     def B1(self) -> csr_array:
         """Vertex-to-edge incidence matrix, (N, E) int8, with -1 at i and +1 at j of an edge i < j."""
-        return _incidence(self.edges, np.array([-1, 1], np.int8), self.n)
+        count = len(self.edges)
+        start = np.arange(0, 2 * count + 1, 2, dtype=np.int32)
+        return _incidence(Boundary(start, self.edges.ravel(), np.tile(np.array([-1, 1], np.int8), count)), self.n)
+
+    @cached_property
+    def boundary(self) -> Boundary:
+        """The edges around each face and their signs: the columns of ``B2``."""
+        count = len(self.face_edges)
+        start = np.arange(0, 3 * count + 1, 3, dtype=np.int32)
+        return Boundary(start, self.face_edges.ravel(), np.tile(np.array([1, 1, -1], np.int8), count))
 
     @cached_property
     def B2(self) -> csr_array:
         """Edge-to-face incidence matrix, (E, F) int8, with +1 on (i, j), +1 on (j, k), -1 on (i, k)."""
-        return _incidence(self.face_edges, np.array([1, 1, -1], np.int8), len(self.edges))
+        return _incidence(self.boundary, len(self.edges))
 
     @cached_property
     def L0(self) -> csr_array:
@@ -242,14 +259,12 @@ def first_of_equals(table: NDArray[Any]) -> NDArray[np.int64]:
     return np.sort(order[is_new])  # the sort is stable: the first of a run is the earliest row
 
 
-def _incidence(boundary: Index, signs: NDArray[np.int8], rows: int) -> csr_array:
-    """Sparse (rows, count): column c has `signs` at the rows ``boundary[c]``."""
+def _incidence(boundary: Boundary, rows: int) -> csr_array:
+    """Sparse (rows, count) matrix of the boundaries."""
     from scipy.sparse import csc_array
 
-    count, size = boundary.shape
-    starts = np.arange(0, count * size + 1, size, dtype=np.int32)
-    columns = csc_array((np.tile(signs, count), boundary.ravel(), starts), shape=(rows, count))
-    return columns.tocsr()
+    start, rim, sign = boundary
+    return csc_array((sign, rim, start), shape=(rows, len(start) - 1)).tocsr()
 
 
 def _pattern(rows: Rows, columns: int) -> csr_array:

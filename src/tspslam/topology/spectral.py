@@ -7,23 +7,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Signals
+from .laplacian import Level, checked, checked_matrix, parts_of, unsigned_laplacian
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from .complex import Complex
 
-Level = Literal["vertex", "edge", "face"]
-
 LARGEST_DENSE = 4000
 """Rows of a matrix whose eigenvectors are still computed."""
 
 LARGEST_DEGREE = 100_000
 """Terms of a polynomial that are still summed."""
+
+_MOST_TERMS = 1 << 14
 
 LARGEST_ROWS = 1 << 31
 """Bytes of a block of kernel rows that are still given out."""
@@ -72,11 +73,97 @@ def heat_filter(
         return spectral_filter(L, signal, lambda values: np.exp(-time * values))
     if method != "chebyshev":
         raise InputError(f"method is {method!r}, expected 'chebyshev' or 'exact'")
-    matrix, values = _checked(L, signal)
+    matrix, values = checked(L, signal)
     filtered = _polynomial(matrix, values, *_heat_series(matrix, time, error))
     if np.linalg.norm(filtered) > (1 + 1e-6) * np.linalg.norm(values):
         raise InputError("L has negative eigenvalues: the signal grows; expected a positive semidefinite L")
     return filtered
+
+
+def chebyshev_filter(
+    L: Any,
+    signal: ArrayLike,
+    response: Callable[[FloatArray], ArrayLike],
+    *,
+    degree: int | None = None,
+    error: float = 1e-10,
+) -> FloatArray:
+    """Apply a function of the eigenvalues, ``h(L) s``, by a Chebyshev polynomial on a guaranteed bound of the spectrum.
+
+    Parameters
+    ----------
+    L : (n, n) sparse matrix
+        Symmetric, positive semidefinite; see `heat_filter` for which signals go with which matrix.
+    signal : (n,) or (n, C) array
+        Finite values.
+    response : callable
+        h: eigenvalues (k,), >= 0 -> (k,) finite values.
+    degree : int, optional
+        Terms beyond the constant, for functions that no polynomial meets (steps). Default: as many as `error` needs.
+    error : float
+        Largest norm of the error, as a share of the signal's norm times the largest value of h.
+
+    Returns
+    -------
+    (n,) or (n, C) float64
+
+    Raises
+    ------
+    InputError
+        As `heat_filter`; also if h gives something else, or 16 384 terms are not enough.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex
+    >>> L0 = build_complex([[0, 1, 2]], 3).L0
+    >>> chebyshev_filter(L0, [3.0, 0, 0], lambda values: 1 / (1 + values)).round(9).tolist()
+    [1.5, 0.75, 0.75]
+    """
+    matrix, values = checked(L, signal)
+    half = _half_bound(matrix)
+    return _polynomial(matrix, values, half, _chebyshev_series(response, half, degree, _checked_error(error)))
+
+
+def tikhonov_filter(L: Any, signal: ArrayLike, weight: float) -> FloatArray:
+    """Smooth a signal: the x that minimises ``|x - s|² + weight xᵀ L x``, which is ``(I + weight L)⁻¹ s``.
+
+    Parameters
+    ----------
+    L : (n, n) sparse matrix
+        Symmetric, positive semidefinite; see `heat_filter` for which signals go with which matrix.
+    signal : (n,) or (n, C) array
+        Finite values.
+    weight : float
+        >= 0.
+
+    Returns
+    -------
+    (n,) or (n, C) float64
+        Relative residual at most 1e-10.
+
+    Raises
+    ------
+    InputError
+        As `heat_filter`, with `weight` in the place of t.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex
+    >>> tikhonov_filter(build_complex([[0, 1, 2]], 3).L0, [3.0, 0, 0], 1.0).round(9).tolist()
+    [1.5, 0.75, 0.75]
+    """
+    from scipy.sparse import csr_array, eye_array
+
+    from . import _linear
+
+    matrix, values = checked(L, signal)
+    parts = parts_of(csr_array(eye_array(matrix.shape[0]) + _checked_time(weight, "weight") * matrix))
+    columns = values.reshape(len(values), -1).T.copy() if values.size else np.empty((0, 0))
+    for column in columns:
+        right = column.copy()
+        if not _linear.conjugate_gradient(*parts, right, 1e-12, column) <= 1e-10:
+            raise InputError("the system cannot be solved: expected a positive semidefinite L and a smaller weight")
+    return np.ascontiguousarray(columns.T).reshape(values.shape)
 
 
 def spectral_filter(L: Any, signal: ArrayLike, response: Callable[[FloatArray], ArrayLike]) -> FloatArray:
@@ -107,13 +194,11 @@ def spectral_filter(L: Any, signal: ArrayLike, response: Callable[[FloatArray], 
     >>> spectral_filter(L0, [3.0, 0, 0], lambda values: values < 1).round(9).tolist()
     [1.0, 1.0, 1.0]
     """
-    matrix, values = _checked(L, signal)
+    matrix, values = checked(L, signal)
     if matrix.shape[0] > LARGEST_DENSE:
         raise InputError(f"{matrix.shape[0]} rows are too many for eigenvectors, expected at most {LARGEST_DENSE}")
     eigenvalues, vectors = np.linalg.eigh(matrix.toarray())
-    gain = np.asarray(response(eigenvalues), np.float64)
-    if gain.shape != eigenvalues.shape or not np.isfinite(gain).all():
-        raise InputError(f"response gives shape {gain.shape}, expected {eigenvalues.shape} finite values")
+    gain = _responses(response, eigenvalues)
     filtered: FloatArray = vectors @ (gain.reshape(-1, *[1] * (values.ndim - 1)) * (vectors.T @ values))
     return filtered
 
@@ -179,51 +264,7 @@ def heat_kernel(L: Any, t: float) -> HeatKernel:
     >>> kernel.rows([0]).sum().round(9)
     np.float64(1.0)
     """
-    return HeatKernel(_checked_matrix(L), _checked_time(t))
-
-
-def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = None) -> csr_array:
-    """``D - A`` of the elements of one level, for unsigned signals such as textures.
-
-    Vertices are adjacent along an edge, edges when they share a vertex or a face, faces when they share an edge.
-
-    Parameters
-    ----------
-    complex_ : Complex
-        The complex.
-    level : {"vertex", "edge", "face"}
-        Which elements.
-    ok : (n,) bool, optional
-        Elements that take part; the others stand alone.
-
-    Returns
-    -------
-    (n, n) csr_array of float64
-
-    Raises
-    ------
-    InputError
-        If the level is unknown or `ok` does not fit.
-
-    Examples
-    --------
-    >>> from tspslam import build_complex
-    >>> unsigned_laplacian(build_complex([[0, 1, 2], [1, 2, 3]], 4), "face").toarray().tolist()
-    [[1.0, -1.0], [-1.0, 1.0]]
-    """
-    from scipy.sparse import csr_array, diags_array
-
-    if level not in ("vertex", "edge", "face"):
-        raise InputError(f"level is {level!r}, expected 'vertex', 'edge' or 'face'")
-    boundary = abs(complex_.B2 if level == "face" else complex_.B1).astype(np.float64)
-    shared = boundary @ boundary.T if level == "vertex" else boundary.T @ boundary
-    adjacency = csr_array(shared > 0, dtype=np.float64)
-    if ok is not None:
-        keep = diags_array(_checked_mask(ok, adjacency.shape[0]).astype(np.float64))
-        adjacency = csr_array(keep @ adjacency @ keep)
-    adjacency.setdiag(0)
-    adjacency.eliminate_zeros()
-    return csr_array(diags_array(adjacency.sum(axis=1)) - adjacency)
+    return HeatKernel(checked_matrix(L), _checked_time(t))
 
 
 def smooth_signals(complex_: Complex, signals: Signals, t: float) -> Signals:
@@ -268,24 +309,69 @@ def smooth_signals(complex_: Complex, signals: Signals, t: float) -> Signals:
     return replace(signals, **smoothed)
 
 
+def _half_bound(matrix: csr_array) -> float:
+    """Half of a bound of the spectrum."""
+    from . import _spectral
+
+    return float(max(_spectral.largest_eigenvalue(*parts_of(matrix)) / 2, 1e-300))
+
+
 def _heat_series(matrix: csr_array, t: float, error: float) -> tuple[float, FloatArray]:
     """Half of the spectrum's bound, and the Chebyshev coefficients of exp(-tλ) from 0 to that bound."""
     from scipy.special import ive
 
-    from . import _spectral
-
-    if not 1e-15 <= error < 1:
-        raise InputError(f"error is {error}, expected 1e-15 to 1")
-    half = max(_spectral.largest_eigenvalue(*_parts(matrix)) / 2, 1e-300)
-    terms = 2 * np.sqrt(t * half * (1 - np.log(error))) - 2 * np.log(error) + 10  # more than are needed
+    half = _half_bound(matrix)
+    terms = 2 * np.sqrt(t * half * (1 - np.log(_checked_error(error)))) - 2 * np.log(error) + 10  # more than needed
     if terms > LARGEST_DEGREE:
         wanted = f"a smaller t: over {LARGEST_DEGREE} terms"
         raise InputError(f"t is {t:g} on a spectrum up to {2 * half:.4g}, expected {wanted}")
     k = np.arange(int(terms))
-    series = 2 * (-1.0) ** k * ive(k, t * half)
+    series = np.asarray(2 * (-1.0) ** k * ive(k, t * half), np.float64)
     series[0] /= 2
+    return half, _cut(series, error)
+
+
+def _chebyshev_series(
+    response: Callable[[FloatArray], ArrayLike], half: float, degree: int | None, error: float
+) -> FloatArray:
+    """Coefficients of h on 0 to 2 half, as many as asked for, or until the last half of them is below the error."""
+    if degree is not None:
+        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or not 1 <= degree <= LARGEST_DEGREE:
+            raise InputError(f"degree is {degree!r}, expected an integer from 1 to {LARGEST_DEGREE}")
+        return _interpolate(response, half, int(degree) + 1)[0]
+    terms = 16
+    while terms <= _MOST_TERMS:
+        series, largest = _interpolate(response, half, terms)
+        if np.abs(series[terms // 2 :]).sum() <= error * largest:
+            return _cut(series, error * largest)
+        terms *= 2
+    raise InputError(
+        f"{_MOST_TERMS} terms do not follow the response to {error:g}, expected a smoother one, or degree="
+    )
+
+
+def _interpolate(response: Callable[[FloatArray], ArrayLike], half: float, terms: int) -> tuple[FloatArray, float]:
+    """Chebyshev coefficients of h from its values at the Chebyshev nodes, and its largest value."""
+    from scipy.fft import dct
+
+    nodes = half * (1 + np.cos(np.pi * (np.arange(terms) + 0.5) / terms))
+    values = _responses(response, nodes)
+    series = np.asarray(dct(values, type=2), np.float64) / terms
+    series[0] /= 2
+    return series, float(max(np.abs(values).max(), 1e-300))
+
+
+def _cut(series: FloatArray, error: float) -> FloatArray:
+    """Leave out the last coefficients, whose sum is below the error."""
     tail = np.cumsum(np.abs(series[::-1]))[::-1]
-    return half, series[: max(2, int(np.argmax(tail < error)))]
+    return series[: max(2, int(np.argmax(tail < error)) if (tail < error).any() else len(series))]
+
+
+def _responses(response: Callable[[FloatArray], ArrayLike], eigenvalues: FloatArray) -> FloatArray:
+    gain = np.asarray(response(eigenvalues), np.float64)
+    if gain.shape != eigenvalues.shape or not np.isfinite(gain).all():
+        raise InputError(f"response gives shape {gain.shape}, expected {eigenvalues.shape} finite values")
+    return gain
 
 
 def _polynomial(matrix: csr_array, signal: FloatArray, half: float, series: FloatArray) -> FloatArray:
@@ -293,7 +379,7 @@ def _polynomial(matrix: csr_array, signal: FloatArray, half: float, series: Floa
     from . import _spectral
 
     step = _spectral.step if signal.ndim == 1 else _spectral.step_channels
-    parts = _parts(matrix)
+    parts = parts_of(matrix)
     out, now, before = series[0] * signal, signal.copy(), np.zeros_like(signal)
     for k in range(1, len(series)):
         step(*parts, half, (1 if k == 1 else 2) / half, now, before, series[k], out)
@@ -301,56 +387,13 @@ def _polynomial(matrix: csr_array, signal: FloatArray, half: float, series: Floa
     return out
 
 
-def _parts(matrix: csr_array) -> tuple[NDArray[np.uint32], NDArray[np.uint32], FloatArray]:
-    """CSR arrays for the kernels; unsigned, so that no index is checked for wrap-around."""
-    indptr, indices = (np.ascontiguousarray(part, np.int32).view(np.uint32) for part in (matrix.indptr, matrix.indices))
-    return indptr, indices, matrix.data
-
-
-def _checked(L: Any, signal: ArrayLike) -> tuple[csr_array, FloatArray]:
-    matrix = _checked_matrix(L)
-    values: NDArray[Any] = np.ascontiguousarray(signal)
-    if values.ndim not in (1, 2) or len(values) != matrix.shape[0] or values.dtype.kind not in "biuf":
-        raise InputError(f"signal is {values.dtype} of shape {values.shape}, expected ({matrix.shape[0]},) or (.., C)")
-    values = values.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1 if values.size else 0)).all(axis=1))
-    if len(bad):
-        raise InputError(f"signal is not finite at element {bad[0]}, expected finite values")
-    return matrix, values
-
-
-def _checked_matrix(L: Any) -> csr_array:
-    from scipy.sparse import csr_array, issparse
-
-    sparse: Any = L  # what issparse narrows has no shape
-    if not issparse(L) or len(sparse.shape) != 2 or sparse.shape[0] != sparse.shape[1]:
-        raise InputError(f"L is {type(sparse).__name__} of shape {np.shape(sparse)}, expected a square sparse matrix")
-    if sparse.dtype.kind not in "biuf":
-        raise InputError(f"L is {sparse.dtype}, expected real numbers")
-    matrix = csr_array(sparse, dtype=np.float64)
-    _check_symmetric(matrix)
-    return matrix
-
-
-def _check_symmetric(matrix: csr_array) -> None:
-    """Refuse a matrix for which xᵀ L y is not yᵀ L x, for one random pair, the same each time."""
-    if not np.isfinite(matrix.data).all():
-        raise InputError("L holds values that are not finite, expected finite ones")
-    x, y = np.random.default_rng(0).standard_normal((2, matrix.shape[0]))
-    one, other = matrix @ x, matrix @ y
-    scale = np.linalg.norm(one) * np.linalg.norm(y) + np.linalg.norm(other) * np.linalg.norm(x)
-    if abs(y @ one - x @ other) > 1e-10 * scale:
-        raise InputError("L is not symmetric, expected L = Lᵀ")
-
-
-def _checked_time(t: float) -> float:
+def _checked_time(t: float, name: str = "t") -> float:
     if isinstance(t, bool) or not isinstance(t, int | float | np.number) or not 0 <= t < np.inf:
-        raise InputError(f"t is {t!r}, expected a finite time >= 0")
+        raise InputError(f"{name} is {t!r}, expected a finite number >= 0")
     return float(t)
 
 
-def _checked_mask(ok: ArrayLike, n: int) -> BoolArray:
-    mask = np.asarray(ok)
-    if mask.shape != (n,) or mask.dtype != bool:
-        raise InputError(f"ok is {mask.dtype} of shape {mask.shape}, expected ({n},) bool")
-    return mask
+def _checked_error(error: float) -> float:
+    if isinstance(error, bool) or not isinstance(error, int | float | np.number) or not 1e-15 <= error < 1:
+        raise InputError(f"error is {error!r}, expected 1e-15 to 1")
+    return float(error)

@@ -1,0 +1,115 @@
+"""Laplacians: what is taken for one, and those of unsigned signals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..types import BoolArray, FloatArray, Signals
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from .complex import Complex
+
+Level = Literal["vertex", "edge", "face"]
+
+
+def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = None) -> csr_array:
+    """``D - A`` of the elements of one level, for unsigned signals such as textures.
+
+    Vertices are adjacent along an edge, edges when they share a vertex or a face, faces when they share an edge.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        The complex.
+    level : {"vertex", "edge", "face"}
+        Which elements.
+    ok : (n,) bool, optional
+        Elements that take part; the others stand alone.
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+
+    Raises
+    ------
+    InputError
+        If the level is unknown or `ok` does not fit.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex
+    >>> unsigned_laplacian(build_complex([[0, 1, 2], [1, 2, 3]], 4), "face").toarray().tolist()
+    [[1.0, -1.0], [-1.0, 1.0]]
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    if level not in ("vertex", "edge", "face"):
+        raise InputError(f"level is {level!r}, expected 'vertex', 'edge' or 'face'")
+    boundary = abs(complex_.B2 if level == "face" else complex_.B1).astype(np.float64)
+    shared = boundary @ boundary.T if level == "vertex" else boundary.T @ boundary
+    adjacency = csr_array(shared > 0, dtype=np.float64)
+    if ok is not None:
+        keep = diags_array(_checked_mask(ok, adjacency.shape[0]).astype(np.float64))
+        adjacency = csr_array(keep @ adjacency @ keep)
+    adjacency.setdiag(0)
+    adjacency.eliminate_zeros()
+    return csr_array(diags_array(adjacency.sum(axis=1)) - adjacency)
+
+
+def parts_of(matrix: csr_array) -> tuple[NDArray[np.uint32], NDArray[np.uint32], FloatArray]:
+    """CSR arrays for the kernels; unsigned, so that no index is checked for wrap-around."""
+    indptr, indices = (np.ascontiguousarray(part, np.int32).view(np.uint32) for part in (matrix.indptr, matrix.indices))
+    return indptr, indices, matrix.data
+
+
+def checked(L: Any, signal: ArrayLike) -> tuple[csr_array, FloatArray]:
+    """A Laplacian as float64 CSR, and a signal on its rows, (n,) or (n, C) float64."""
+    matrix = checked_matrix(L)
+    if isinstance(signal, Signals):
+        raise InputError("signal is a Signals, expected an array of one level; for all levels there is smooth_signals")
+    values: NDArray[Any] = np.ascontiguousarray(signal)
+    if values.ndim not in (1, 2) or len(values) != matrix.shape[0] or values.dtype.kind not in "biuf":
+        raise InputError(f"signal is {values.dtype} of shape {values.shape}, expected ({matrix.shape[0]},) or (.., C)")
+    values = values.astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1 if values.size else 0)).all(axis=1))
+    if len(bad):
+        raise InputError(f"signal is not finite at element {bad[0]}, expected finite values")
+    return matrix, values
+
+
+def checked_matrix(L: Any) -> csr_array:
+    """A Laplacian as float64 CSR: square, finite and symmetric."""
+    from scipy.sparse import csr_array, issparse
+
+    sparse: Any = L  # what issparse narrows has no shape
+    if not issparse(L) or len(sparse.shape) != 2 or sparse.shape[0] != sparse.shape[1]:
+        raise InputError(f"L is {type(sparse).__name__} of shape {np.shape(sparse)}, expected a square sparse matrix")
+    if sparse.dtype.kind not in "biuf":
+        raise InputError(f"L is {sparse.dtype}, expected real numbers")
+    matrix = csr_array(sparse, dtype=np.float64)
+    _check_symmetric(matrix)
+    return matrix
+
+
+def _check_symmetric(matrix: csr_array) -> None:
+    """Refuse a matrix for which xᵀ L y is not yᵀ L x, for one random pair, the same each time."""
+    if not np.isfinite(matrix.data).all():
+        raise InputError("L holds values that are not finite, expected finite ones")
+    x, y = np.random.default_rng(0).standard_normal((2, matrix.shape[0]))
+    one, other = matrix @ x, matrix @ y
+    scale = np.linalg.norm(one) * np.linalg.norm(y) + np.linalg.norm(other) * np.linalg.norm(x)
+    if abs(y @ one - x @ other) > 1e-10 * scale:
+        raise InputError("L is not symmetric, expected L = Lᵀ")
+
+
+def _checked_mask(ok: ArrayLike, n: int) -> BoolArray:
+    mask = np.asarray(ok)
+    if mask.shape != (n,) or mask.dtype != bool:
+        raise InputError(f"ok is {mask.dtype} of shape {mask.shape}, expected ({n},) bool")
+    return mask
