@@ -27,15 +27,20 @@ if TYPE_CHECKING:
     from .errors import TspSlamError as TspSlamError
     from .session import Session as Session
     from .session import Settings as Settings
+    from .topology.chf import chf as chf
+    from .topology.chf import chf_bank as chf_bank
     from .topology.complex import Complex as Complex
     from .topology.complex import build_complex as build_complex
     from .topology.crust import crust_surface as crust_surface
     from .topology.diagnosis import diagnose_surface as diagnose_surface
     from .topology.harmonic import tmahf as tmahf
+    from .topology.harmonic import tmahf_bank as tmahf_bank
     from .topology.hodge import harmonic_basis as harmonic_basis
     from .topology.hodge import hodge_decompose as hodge_decompose
     from .topology.homology import betti_numbers as betti_numbers
     from .topology.laplacian import unsigned_laplacian as unsigned_laplacian
+    from .topology.mahf import mahf as mahf
+    from .topology.mahf import mahf_bank as mahf_bank
     from .topology.spectral import chebyshev_filter as chebyshev_filter
     from .topology.spectral import heat_filter as heat_filter
     from .topology.spectral import heat_kernel as heat_kernel
@@ -44,6 +49,7 @@ if TYPE_CHECKING:
     from .topology.spectrum import spectrum as spectrum
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
+    from .types import Bank as Bank
     from .types import Camera as Camera
     from .types import Cloud as Cloud
     from .types import Features as Features
@@ -65,7 +71,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "errors": ("GeometryError", "InputError", "OutputError", "TspSlamError"),
-    "types": ("Camera", "Cloud", "Features", "RawRig", "Response", "Rig", "Signals", "StereoPair", "Surface"),
+    "types": ("Bank", "Camera", "Cloud", "Features", "RawRig", "Response", "Rig", "Signals", "StereoPair", "Surface"),
     "vision.reconstruct": ("reconstruct",),
     "vision.rig": ("load_rig",),
     "vision.rectify": ("rectification",),
@@ -79,7 +85,9 @@ _HOMES = {
     "topology.texture": ("sample_signals",),
     "topology.crust": ("crust_surface",),
     "topology.diagnosis": ("diagnose_surface",),
-    "topology.harmonic": ("tmahf",),
+    "topology.harmonic": ("tmahf", "tmahf_bank"),
+    "topology.mahf": ("mahf", "mahf_bank"),
+    "topology.chf": ("chf", "chf_bank"),
     "vision.formats": ("read_calibration",),
     "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),

@@ -11,7 +11,7 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 
@@ -336,4 +336,66 @@ class Response:
     @property
     def phase(self) -> FloatArray:
         """``arg z`` in (-π, π], same shape as ``z``, rad; grows clockwise on the screen."""
+        return phase_of(self.z)
+
+    def steer(self, angle: ArrayLike) -> FloatArray:
+        """Response of the filter turned to a direction: ``Re(z e^{-jmθ})``, same shape as ``z``.
+
+        The harmonic ``cos m(ψ - θ)`` in the place of ``e^{jmψ}`` gives this, so that one complex response holds those
+        of all directions; it is largest, ``|z|``, at θ = phase / m.
+
+        Parameters
+        ----------
+        angle : float or (N,) array
+            θ, rad, clockwise on the screen from the direction of u; one for all vertices or one each.
+
+        Examples
+        --------
+        >>> response = Response(np.array([2j]), 1, np.array([True]))
+        >>> response.steer(np.pi / 2).round(9).tolist()
+        [2.0]
+        """
+        theta = np.asarray(angle, np.float64)
+        if theta.shape not in ((), self.z.shape[: theta.ndim]) or not np.isfinite(theta).all():
+            raise InputError(f"angle has shape {theta.shape}, expected one finite angle or one for each vertex")
+        turn = np.exp(-1j * self.order * theta)
+        return (self.z * turn.reshape(theta.shape + (1,) * (self.z.ndim - theta.ndim))).real
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Responses of K filters at every vertex (or pixel). ``len(bank)`` is K, ``bank[k]`` the k-th response.
+
+    Attributes
+    ----------
+    z : (N, K) or (N, K, C) complex128
+        The responses; (H, W, K) on an image.
+    orders : (K,) int64
+        Angular order of each filter.
+    scales : (K,) float64
+        Scale of each filter: rings (T-MAHF), time (MAHF) or standard deviation, px (CHF).
+    defined : (N, K) bool
+        False where a filter has no response; (H, W, K) on an image.
+    """
+
+    z: NDArray[np.complex128]
+    orders: NDArray[np.int64]
+    scales: FloatArray
+    defined: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.orders)
+
+    def __getitem__(self, k: int) -> Response:
+        last = (slice(None),) * (self.defined.ndim - 1) + (k,)
+        return Response(self.z[last], int(self.orders[k]), self.defined[last])
+
+    @property
+    def magnitude(self) -> FloatArray:
+        """``|z|``, same shape as ``z``."""
+        return np.abs(self.z)
+
+    @property
+    def phase(self) -> FloatArray:
+        """``arg z`` in (-π, π], same shape as ``z``, rad."""
         return phase_of(self.z)

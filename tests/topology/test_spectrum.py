@@ -55,7 +55,7 @@ def test_an_iteration_that_ends_without_a_result_is_said(monkeypatch):
         raise linalg.ArpackNoConvergence("no convergence", np.zeros(0), np.zeros((0, 0)))
 
     monkeypatch.setattr(linalg, "eigsh", fails)
-    with pytest.raises(InputError, match="eigenvalues do not converge: .*no convergence"):
+    with pytest.raises(InputError, match=r"eigenvalues do not converge: .*no convergence"):
         spectrum(LARGE.L0, 3)
 
 

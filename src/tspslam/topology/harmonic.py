@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import FloatArray, Response, Signals
+from ..types import Bank, FloatArray, Response, Signals
 from .complex import Complex
 
 Centering = Literal["none", "mean", "harmonic", "plane"]
@@ -118,6 +118,75 @@ def tmahf(
     return Response(z[:, 0] if signals.vertex.ndim == 1 else z, order, defined)
 
 
+def tmahf_bank(
+    complex_: Complex,
+    uv: ArrayLike,
+    signals: Signals,
+    orders: Sequence[int] = (0, 1, 2),
+    scales: Sequence[int] = (1,),
+    *,
+    centering: Literal["none", "mean", "harmonic"] = "harmonic",
+) -> Bank:
+    """T-MAHF of several orders and neighbourhoods at once: what is around a vertex is gathered once.
+
+    Parameters
+    ----------
+    complex_, uv, signals
+        As `tmahf`.
+    orders : sequence of int
+        Angular orders m.
+    scales : sequence of int
+        Rings: all elements at a topological distance of at most so many count alike.
+    centering : {"none", "mean", "harmonic"}
+        For the orders above 0; order 0 is never centred.
+
+    Returns
+    -------
+    Bank
+        (N, K) or (N, K, C), K = len(scales) · len(orders): all orders of the first scale, then of the next.
+
+    Raises
+    ------
+    InputError
+        As `tmahf`, or if there is no order or no scale.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex, sample_signals
+    >>> uv = np.random.default_rng(0).random((4, 2)) * 9
+    >>> complex_ = build_complex([[0, 1, 2], [0, 2, 3]], 4)
+    >>> signals = sample_signals(np.eye(10), uv, complex_)
+    >>> tmahf_bank(complex_, uv, signals, orders=(0, 1), scales=(1, 2)).z.shape
+    (4, 4)
+    """
+    from . import _bank
+
+    modes, rings = _checked_bank(orders, scales, centering)
+    points = _checked_points(complex_, uv, signals)
+    near = (complex_.stars, complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
+    channels, size = _channel_count(signals), (complex_.n, len(rings) * len(modes))
+    z, defined = np.zeros((*size, channels), np.complex128), np.zeros(size, bool)
+    for c in range(channels):
+        elements = _pack(points, signals, c)
+        _bank.filter_bank(*near, elements, modes, rings, _CENTERINGS.index(centering), z[:, :, c], defined)
+    shape = (*size, *signals.vertex.shape[1:])
+    return Bank(z.reshape(shape), np.tile(modes, len(rings)), np.repeat(rings, len(modes)).astype(np.float64), defined)
+
+
+def _checked_bank(
+    orders: Sequence[int], scales: Sequence[int], centering: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    modes = [checked_order(order, "tmahf") for order in orders]
+    for rings in scales:
+        if isinstance(rings, bool) or not isinstance(rings, int | np.integer) or rings < 1:
+            raise InputError(f"tmahf: scale is {rings!r}, expected a number of rings, an integer from 1")
+    if not len(modes) or not len(scales):
+        raise InputError(f"tmahf: {len(modes)} orders and {len(scales)} scales, expected at least one of each")
+    if centering not in _CENTERINGS[:3]:
+        raise InputError(f"tmahf: centering of a bank is {centering!r}, expected one of {', '.join(_CENTERINGS[:3])}")
+    return np.array(modes, np.int64), np.array(scales, np.int64)
+
+
 def _filter(
     complex_: Complex, elements: FloatArray, order: int, mode: int, rings: FloatArray | None
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
@@ -163,8 +232,7 @@ def _channel_count(signals: Signals) -> int:
 
 
 def _checked_mode(order: int, centering: str | None) -> int:
-    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= order <= _HIGHEST:
-        raise InputError(f"tmahf: order is {order!r}, expected an integer from 0 to {_HIGHEST}")
+    checked_order(order, "tmahf")
     chosen = centering if centering is not None else ("harmonic" if order else "none")
     if chosen not in _CENTERINGS:
         raise InputError(f"tmahf: centering is {chosen!r}, expected one of {', '.join(_CENTERINGS)}")
@@ -173,6 +241,13 @@ def _checked_mode(order: int, centering: str | None) -> int:
     if chosen == "plane" and order != 1:
         raise InputError(f"tmahf: centering 'plane' with order {order}, expected order 1")
     return _CENTERINGS.index(chosen)
+
+
+def checked_order(order: int, what: str) -> int:
+    """An angular order."""
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= order <= _HIGHEST:
+        raise InputError(f"{what}: order is {order!r}, expected an integer from 0 to {_HIGHEST}")
+    return int(order)
 
 
 def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> FloatArray:

@@ -55,7 +55,7 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
     shared = boundary @ boundary.T if level == "vertex" else boundary.T @ boundary
     adjacency = csr_array(shared > 0, dtype=np.float64)
     if ok is not None:
-        keep = diags_array(_checked_mask(ok, adjacency.shape[0]).astype(np.float64))
+        keep = diags_array(checked_mask(ok, adjacency.shape[0]).astype(np.float64))
         adjacency = csr_array(keep @ adjacency @ keep)
     adjacency.setdiag(0)
     adjacency.eliminate_zeros()
@@ -108,7 +108,8 @@ def _check_symmetric(matrix: csr_array) -> None:
         raise InputError("L is not symmetric, expected L = Lᵀ")
 
 
-def _checked_mask(ok: ArrayLike, n: int) -> BoolArray:
+def checked_mask(ok: ArrayLike, n: int) -> BoolArray:
+    """A mask of n elements."""
     mask = np.asarray(ok)
     if mask.shape != (n,) or mask.dtype != bool:
         raise InputError(f"ok is {mask.dtype} of shape {mask.shape}, expected ({n},) bool")

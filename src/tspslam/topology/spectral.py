@@ -68,13 +68,14 @@ def heat_filter(
     >>> heat_filter(L0, [3.0, 0, 0], t=1e3).round(9).tolist()
     [1.0, 1.0, 1.0]
     """
-    time = _checked_time(t)
+    time = checked_number(t, "t")
     if method == "exact":
         return spectral_filter(L, signal, lambda values: np.exp(-time * values))
     if method != "chebyshev":
         raise InputError(f"method is {method!r}, expected 'chebyshev' or 'exact'")
     matrix, values = checked(L, signal)
-    filtered = _polynomial(matrix, values, *_heat_series(matrix, time, error))
+    half = _half_bound(matrix)
+    filtered = _polynomial(matrix, values, half, heat_series(half, time, checked_number(error, "error", 1e-15, 1)))
     if np.linalg.norm(filtered) > (1 + 1e-6) * np.linalg.norm(values):
         raise InputError("L has negative eigenvalues: the signal grows; expected a positive semidefinite L")
     return filtered
@@ -121,7 +122,9 @@ def chebyshev_filter(
     """
     matrix, values = checked(L, signal)
     half = _half_bound(matrix)
-    return _polynomial(matrix, values, half, _chebyshev_series(response, half, degree, _checked_error(error)))
+    return _polynomial(
+        matrix, values, half, _chebyshev_series(response, half, degree, checked_number(error, "error", 1e-15, 1))
+    )
 
 
 def tikhonov_filter(L: Any, signal: ArrayLike, weight: float) -> FloatArray:
@@ -157,7 +160,7 @@ def tikhonov_filter(L: Any, signal: ArrayLike, weight: float) -> FloatArray:
     from . import _linear
 
     matrix, values = checked(L, signal)
-    parts = parts_of(csr_array(eye_array(matrix.shape[0]) + _checked_time(weight, "weight") * matrix))
+    parts = parts_of(csr_array(eye_array(matrix.shape[0]) + checked_number(weight, "weight") * matrix))
     columns = values.reshape(len(values), -1).T.copy() if values.size else np.empty((0, 0))
     for column in columns:
         right = column.copy()
@@ -264,7 +267,7 @@ def heat_kernel(L: Any, t: float) -> HeatKernel:
     >>> kernel.rows([0]).sum().round(9)
     np.float64(1.0)
     """
-    return HeatKernel(checked_matrix(L), _checked_time(t))
+    return HeatKernel(checked_matrix(L), checked_number(t, "t"))
 
 
 def smooth_signals(complex_: Complex, signals: Signals, t: float) -> Signals:
@@ -316,19 +319,18 @@ def _half_bound(matrix: csr_array) -> float:
     return float(max(_spectral.largest_eigenvalue(*parts_of(matrix)) / 2, 1e-300))
 
 
-def _heat_series(matrix: csr_array, t: float, error: float) -> tuple[float, FloatArray]:
-    """Half of the spectrum's bound, and the Chebyshev coefficients of exp(-tλ) from 0 to that bound."""
+def heat_series(half: float, t: float, error: float) -> FloatArray:
+    """Chebyshev coefficients of exp(-tλ) from 0 to 2 half; the sum of those left out is below the error."""
     from scipy.special import ive
 
-    half = _half_bound(matrix)
-    terms = 2 * np.sqrt(t * half * (1 - np.log(_checked_error(error)))) - 2 * np.log(error) + 10  # more than needed
+    terms = 2 * np.sqrt(t * half * (1 - np.log(error))) - 2 * np.log(error) + 10  # more than are needed
     if terms > LARGEST_DEGREE:
         wanted = f"a smaller t: over {LARGEST_DEGREE} terms"
         raise InputError(f"t is {t:g} on a spectrum up to {2 * half:.4g}, expected {wanted}")
     k = np.arange(int(terms))
     series = np.asarray(2 * (-1.0) ** k * ive(k, t * half), np.float64)
     series[0] /= 2
-    return half, _cut(series, error)
+    return _cut(series, error)
 
 
 def _chebyshev_series(
@@ -387,13 +389,9 @@ def _polynomial(matrix: csr_array, signal: FloatArray, half: float, series: Floa
     return out
 
 
-def _checked_time(t: float, name: str = "t") -> float:
-    if isinstance(t, bool) or not isinstance(t, int | float | np.number) or not 0 <= t < np.inf:
-        raise InputError(f"{name} is {t!r}, expected a finite number >= 0")
-    return float(t)
-
-
-def _checked_error(error: float) -> float:
-    if isinstance(error, bool) or not isinstance(error, int | float | np.number) or not 1e-15 <= error < 1:
-        raise InputError(f"error is {error!r}, expected 1e-15 to 1")
-    return float(error)
+def checked_number(value: float, name: str, low: float = 0.0, high: float = np.inf) -> float:
+    """A finite number, low <= value < high."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value < high:
+        wanted = f"a finite number >= {low:g}" if high == np.inf else f"{low:g} to {high:g}"
+        raise InputError(f"{name} is {value!r}, expected {wanted}")
+    return float(value)
