@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from .errors import TspSlamError as TspSlamError
     from .session import Session as Session
     from .session import Settings as Settings
+    from .topology.cells import CellComplex as CellComplex
+    from .topology.cells import build_cells as build_cells
+    from .topology.cells import grow_labels as grow_labels
+    from .topology.cells import merge_cells as merge_cells
+    from .topology.cells import merge_signals as merge_signals
     from .topology.chf import chf as chf
     from .topology.chf import chf_bank as chf_bank
     from .topology.complex import Complex as Complex
@@ -88,6 +93,7 @@ _HOMES = {
     "topology.harmonic": ("tmahf", "tmahf_bank"),
     "topology.mahf": ("mahf", "mahf_bank"),
     "topology.chf": ("chf", "chf_bank"),
+    "topology.cells": ("CellComplex", "build_cells", "grow_labels", "merge_cells", "merge_signals"),
     "vision.formats": ("read_calibration",),
     "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),

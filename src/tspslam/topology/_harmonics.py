@@ -172,12 +172,13 @@ def filter_one_ring(visit, is_far, start, rows, elements, order, centering, z, d
 
 
 @reassociated_kernel
-def filter_rings(vertex_rows, face_rows, face_edges, elements, order, centering, g, z, defined):  # type: ignore[no-untyped-def]
+def filter_rings(vertex_rows, face_rows, boundary, elements, order, centering, g, z, defined):  # type: ignore[no-untyped-def]
     """T-MAHF with the weights ``g[d]`` of the topological distance, by one breadth-first walk from each vertex."""
     v_start, v_rows = vertex_rows
     f_start, f_rows = face_rows
     n, total = z.shape[0], elements.shape[0]
-    first_face = total - face_edges.shape[0]
+    e_start, e_rows = boundary
+    first_face = total - (e_start.shape[0] - 1)
     seen = np.full(total, -1, np.int32)
     queue, hops = np.empty(n, np.int32), np.empty(n, np.int32)
     x, y, s, w = _scratch(total)
@@ -205,8 +206,8 @@ def filter_rings(vertex_rows, face_rows, face_edges, elements, order, centering,
                 seen[first_face + f] = i
                 _append(elements, first_face + f, g[d], u, v, shift, count, x, y, s, w)
                 count += 1
-                for side in range(3):
-                    e = n + face_edges[f, side]
+                for q in range(e_start[f], e_start[f + 1]):
+                    e = n + e_rows[q]
                     if seen[e] != i:
                         seen[e] = i
                         _append(elements, e, g[d], u, v, shift, count, x, y, s, w)

@@ -200,12 +200,11 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
     """
     from . import _kernels
 
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 0 <= n < 2**31:
-        raise InputError(f"complex: n is {n!r}, expected an integer, 0 <= n < 2**31")
+    n = checked_count(n)
     triples = _simplices(faces, 3, "face")
     ascending = np.empty(triples.shape, np.int32)
     _refuse(triples, _kernels.sort_faces(triples, n, ascending), n, "face")
-    extra = _pairs(edges, n)
+    extra = checked_pairs(edges, n)
     start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
     if _kernels.may_repeat_faces(ascending, start, ends, slots):
         distinct = first_of_equals(ascending)
@@ -215,7 +214,14 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
     numbered = np.empty((len(ends), 2), np.int32)
     face_edges = np.empty(ascending.shape, np.int32)
     count = _kernels.number_edges(start, ends, slots, numbered, face_edges)
-    return Complex(int(n), numbered[:count].copy(), ascending, face_edges)
+    return Complex(n, numbered[:count].copy(), ascending, face_edges)
+
+
+def checked_count(n: int) -> int:
+    """A number of vertices."""
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 0 <= n < 2**31:
+        raise InputError(f"complex: n is {n!r}, expected an integer, 0 <= n < 2**31")
+    return int(n)
 
 
 def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
@@ -242,7 +248,8 @@ def _refuse(simplices: IntArray, bad: int, n: int, what: str) -> None:
         raise InputError(f"complex: {what} {bad} is {row}, expected distinct vertices in 0..{n - 1}")
 
 
-def _pairs(edges: ArrayLike | None, n: int) -> Index:
+def checked_pairs(edges: ArrayLike | None, n: int) -> Index:
+    """Edges as (M, 2) int32, i < j."""
     pairs = _simplices([] if edges is None else edges, 2, "edge")
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     bad = np.flatnonzero((low < 0) | (high >= n) | (low == high))

@@ -198,7 +198,7 @@ def _filter(
         is_far, visit = _locality.visits(elements[: complex_.n, :2])
         _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, z, defined)
     else:
-        near = (complex_.vertex_rows, complex_.face_rows, complex_.face_edges)
+        near = (complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)
     return z, defined
 

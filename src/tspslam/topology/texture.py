@@ -88,6 +88,8 @@ def sample_signals(
     >>> signals.vertex.round(9).tolist(), int(signals.face_pixels[0])
     ([0.0, 0.8, 0.0], 15)
     """
+    if not isinstance(complex_.faces, np.ndarray):
+        raise InputError("complex: its faces are polygons, expected triangles; merge_signals gives the cells theirs")
     points = _checked_uv(uv, complex_.n)
     sampled = [_sample_plane(plane, unit, points, complex_) for plane, unit in _planes(image, channels)]
     if len(sampled) == 1 and (image.ndim == 2 or channels == "luminance"):
