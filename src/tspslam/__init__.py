@@ -54,6 +54,9 @@ if TYPE_CHECKING:
     from .topology.spectrum import spectrum as spectrum
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
+    from .topology.vectors import geometry_signals as geometry_signals
+    from .topology.vectors import sample_vectors as sample_vectors
+    from .topology.vectors import stack_signals as stack_signals
     from .types import Bank as Bank
     from .types import Camera as Camera
     from .types import Cloud as Cloud
@@ -88,6 +91,7 @@ _HOMES = {
     "topology.hodge": ("harmonic_basis", "hodge_decompose"),
     "topology.homology": ("betti_numbers",),
     "topology.texture": ("sample_signals",),
+    "topology.vectors": ("geometry_signals", "sample_vectors", "stack_signals"),
     "topology.crust": ("crust_surface",),
     "topology.diagnosis": ("diagnose_surface",),
     "topology.harmonic": ("tmahf", "tmahf_bank"),

@@ -199,7 +199,7 @@ def merge_cells(complex_: Complex, labels: ArrayLike) -> CellComplex:
 
 
 class _Traced(NamedTuple):
-    """Cell of each face, how many cells, their cycles, edges (of the triangles) along these, and which edges are left."""
+    """Cell of each face, how many cells, their cycles, the old edges along these, and which edges are left."""
 
     cell_of: NDArray[np.int64]
     cells: int

@@ -228,17 +228,18 @@ def tangent_axes(xyz: FloatArray, faces: IntArray) -> FloatArray:
 
     normal = np.zeros_like(xyz)
     _mahf.add_normals(xyz, faces, normal)
-    normal = _normalised(normal, _normalised(xyz, np.array([0.0, 0.0, 1.0])))
+    normal = normalised(normal, normalised(xyz, np.array([0.0, 0.0, 1.0])))
     x, y = np.eye(3)[:2]
-    first = _normalised(x - normal[:, :1] * normal, x)
+    first = normalised(x - normal[:, :1] * normal, x)
     second = np.cross(normal, first)
     steep = np.abs(normal[:, 0]) > 0.99
-    second[steep] = _normalised(y - normal[steep, 1:2] * normal[steep], y)
+    second[steep] = normalised(y - normal[steep, 1:2] * normal[steep], y)
     first[steep] = np.cross(second[steep], normal[steep])
     return np.concatenate([first, second], axis=1)
 
 
-def _normalised(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
+def normalised(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Vectors (n, 3) of length 1; what has no length is given another."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 0, vectors / np.where(length > 0, length, 1), otherwise)
 
