@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import datasets as datasets
+    from . import doors as doors
     from . import io as io
     from . import view as view
     from .errors import GeometryError as GeometryError
@@ -104,7 +105,7 @@ _HOMES = {
     "session": ("Session", "Settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "io", "view")
+_ROOMS = ("datasets", "doors", "io", "view")
 
 __all__ = sorted((*_HOME, *_ROOMS))
 

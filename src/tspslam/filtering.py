@@ -5,22 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ._files import one_line
+from .doors.meshes import from_arrays
 from .errors import InputError
 from .io import RunFolder, StoredFrame, read_image, read_mesh, write_frame
 from .pipeline import RunResult, finish
 from .records import array_hash, hash_of, machine, versions
-from .topology.complex import build_complex
 from .topology.harmonic import Tmahf
-from .topology.texture import sample_signals
-from .types import Cloud, FloatArray, Image, Rig, Surface
 from .vision.formats import read_rectified
-from .vision.visibility import visible_uv
-
-_FARTHEST, _NEAREST = 1e9, 1e-9  # m
 
 
 def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf) -> RunResult:
@@ -54,9 +46,11 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:
-        frame = _filtered(xyz, faces, pixels, rig, stage, one_line(mesh.stem))
+        textured = from_arrays(xyz, faces, pixels, rig)
+        response = stage(textured.complex_, textured.cloud.uv, textured.signals)
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
+    frame = StoredFrame(0, 0.0, one_line(mesh.stem), rig, **vars(textured), response=response)
     given = [array_hash(values) for values in (pixels, xyz, faces)]
     settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
     with RunFolder.create(out, settings) as folder:
@@ -67,29 +61,6 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)
-
-
-def _filtered(
-    xyz: FloatArray, faces: NDArray[np.int32], pixels: Image, rig: Rig, stage: Tmahf, name: str
-) -> StoredFrame:
-    _check_distance(xyz)
-    complex_ = build_complex(faces, len(xyz))
-    uv = visible_uv(rig, xyz, faces if len(faces) else None)
-    signals = sample_signals(pixels, uv, complex_)
-    seen = signals.vertex_ok
-    if not seen.any():
-        raise InputError(f"none of {len(xyz)} vertices falls into the image, expected the camera's frame, metres")
-    response = stage(complex_, uv, signals)
-    depth = np.where(np.isnan(uv[:, 0]) | (xyz[:, 2] < _NEAREST), np.nan, xyz[:, 2])
-    cloud = Cloud(xyz, uv, rig.fx * rig.baseline / depth - rig.doffs)
-    kept = Surface(faces if len(faces) == len(complex_.faces) else complex_.faces)
-    return StoredFrame(0, 0.0, name, rig, cloud, kept, complex_, signals, response)
-
-
-def _check_distance(xyz: FloatArray) -> None:
-    far = np.flatnonzero(np.abs(xyz).max(axis=1) > _FARTHEST)
-    if len(far):
-        raise InputError(f"vertex {far[0]} is at {xyz[far[0]].tolist()}, expected metres, at most {_FARTHEST:g}")
 
 
 def _filter_record(frame: StoredFrame) -> dict[str, Any]:
