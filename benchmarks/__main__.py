@@ -7,7 +7,7 @@ import platform
 import sys
 from pathlib import Path
 
-from . import front_end, quality, topology
+from . import front_end, quality, spectral, topology
 from .measure import process_seconds
 
 BASELINE = Path(__file__).with_name("baseline.json")
@@ -32,8 +32,6 @@ FIGURES = {
     "T-MAHF harmonic": lambda: topology.filter_figures("harmonic"),
     "16 times the pixels": topology.resolution_figures,
     "construction": topology.construction_figures,
-    "heat, t = 1": lambda: topology.heat_figures(1.0),
-    "heat, t = 10": lambda: topology.heat_figures(10.0),
     "growth": topology.growth_figures,
     "SIFT on Motorcycle": lambda: front_end.detector_figures("SIFT"),
     "BRISK on Motorcycle": lambda: front_end.detector_figures("BRISK"),
@@ -42,6 +40,7 @@ FIGURES = {
     "depth cuts, per cent": front_end.cut_figures,
     "crust, 20 000 points": front_end.crust_figures,
     "depth buffer, 1 000 000 points": front_end.lidar_figures,
+    **spectral.FIGURES,
     "start-up": start_up,
 }
 
@@ -58,6 +57,7 @@ def main() -> None:
     if "--write" in sys.argv:
         BASELINE.write_text(json.dumps(measured, indent=1) + "\n")
         front_end.write_table()
+        spectral.write_table()
 
 
 main()

@@ -61,15 +61,6 @@ def resolution_figures(n: int = 20_000) -> Figures:
     return {"large_ms": ours * 1e3, "small_ms": reference * 1e3, "ratio": ratio}
 
 
-def heat_figures(t: float, n: int = 20_000) -> Figures:
-    """Heat on the vertices of a random mesh, beside SciPy's expm_multiply on the same matrix."""
-    from scipy.sparse.linalg import expm_multiply
-
-    L, signal = tspslam.build_complex(random_scene(n).faces, n).L0, np.random.default_rng(0).normal(size=n)
-    ours, theirs, _ = paired(lambda: tspslam.heat_filter(L, signal, t), lambda: expm_multiply(-t * L, signal), 7)
-    return {"us_per_vertex": 1e6 * ours / n, "times_faster_than_scipy": theirs / ours}
-
-
 def construction_figures(n: int = 20_000) -> Figures:
     """B1, B2, L0 and L1 against TopoNetX, the same mesh."""
     scene = random_scene(n)
