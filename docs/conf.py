@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import sys
 from pathlib import Path
 
 from docutils import nodes
@@ -11,6 +12,8 @@ from sphinx.domains.python import PyClasslike
 from sphinx.util.nodes import make_refnode
 
 import tspslam
+
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py
 
 project = "tspslam"
 author = copyright = "The tspslam authors"
@@ -51,16 +54,19 @@ PACKAGE = sorted(Path(tspslam.__file__).parent.rglob("*.py"))
 
 
 def draw_pictures(app):
-    """The pictures that the tutorial shows, drawn by the package from the Motorcycle pair when its code has changed."""
+    """The pictures that the pages show, drawn by the package when its code, or theirs, has changed."""
+    import pictures
+
     from tspslam.view import write_pictures
 
     folder = Path(app.srcdir, "_generated")
-    drawn = [folder / name for name in ("keypoints_depth.png", "signals.png", "phase.png")]
-    changed = max(path.stat().st_mtime for path in PACKAGE)
+    drawn = [folder / name for name in ("keypoints_depth.png", "signals.png", "phase.png", *pictures.NAMES)]
+    changed = max(path.stat().st_mtime for path in (*PACKAGE, Path(pictures.__file__)))
     if all(path.exists() and path.stat().st_mtime > changed for path in drawn):
         return
     pair = tspslam.datasets.motorcycle()
     write_pictures(tspslam.Session(pair.rig).process(pair), folder)
+    pictures.draw(folder)
 
 
 def run_code_blocks(app, doctree):
