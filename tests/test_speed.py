@@ -30,9 +30,9 @@ def test_construction_is_eighty_times_faster_than_one_object_a_simplex():
 
 def test_heat_is_faster_than_the_exponential_of_scipy():
     """Measured 6 to 22 times."""
-    f = spectral.heat_figures("torus, 20 000", 10.0)
-    assert f["error"] < 1e-10
-    assert best(lambda: {"ratio": f["us"] / f["expm_multiply_us"]}, attempts=1) < 0.4
+    attempts = [spectral.heat_figures("torus, 20 000", 10.0) for _ in range(3)]
+    assert max(f["error"] for f in attempts) < 1e-10
+    assert min(f["us"] / f["expm_multiply_us"] for f in attempts) < 0.4
 
 
 def test_hodge_is_faster_than_the_factors_of_both_laplacians_and_later_much_faster():

@@ -5,6 +5,8 @@ from .meshes import Textured as Textured
 from .meshes import from_arrays as from_arrays
 from .meshes import from_file as from_file
 from .meshes import from_trimesh as from_trimesh
+from .tensors import to_pyg as to_pyg
+from .tensors import to_torch as to_torch
 from .toponetx import from_toponetx as from_toponetx
 from .toponetx import to_toponetx as to_toponetx
 
@@ -15,5 +17,7 @@ __all__ = [
     "from_file",
     "from_toponetx",
     "from_trimesh",
+    "to_pyg",
     "to_toponetx",
+    "to_torch",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Matrices and signals of a complex as PyTorch tensors, one by one or in the dictionary that PyTorch Geometric takes."""
+"""Matrices and signals of a complex as PyTorch tensors: one by one, or as a dictionary for PyTorch Geometric."""
 
 from __future__ import annotations
 
@@ -35,9 +35,7 @@ def to_torch(matrix: Any, dtype: Any = None) -> Any:
 
     Examples
     --------
-    With PyTorch installed:
-
-    .. code-block:: python
+    With PyTorch installed::
 
         import torch
         from tspslam import build_complex
@@ -49,18 +47,13 @@ def to_torch(matrix: Any, dtype: Any = None) -> Any:
         divergence = B1 @ flow  # (4, 1)
         unsigned = B1.abs()
     """
-    from scipy.sparse import issparse
-
     torch = _torch()
-    if not issparse(matrix) or len(matrix.shape) != 2 or matrix.dtype.kind not in "biuf":
-        found = f"{type(matrix).__name__} of shape {np.shape(matrix)}"
-        raise InputError(f"matrix is {found}, expected a SciPy sparse matrix of real numbers")
+    entries = _entries(matrix)
     if dtype is not None and not isinstance(dtype, torch.dtype):
         raise InputError(f"dtype is {dtype!r}, expected a torch.dtype such as torch.float64")
-    entries = matrix.tocoo()
     indices = torch.from_numpy(np.stack([entries.row, entries.col]).astype(np.int64))
     values = torch.from_numpy(entries.data.astype(np.float64)).to(dtype or torch.float32)
-    return torch.sparse_coo_tensor(indices, values, matrix.shape, check_invariants=True).coalesce()
+    return torch.sparse_coo_tensor(indices, values, entries.shape, check_invariants=True).coalesce()
 
 
 def to_pyg(complex_: Complex, signals: Signals) -> dict[str, Any]:
@@ -112,8 +105,6 @@ def to_pyg(complex_: Complex, signals: Signals) -> dict[str, Any]:
     --------
     With PyTorch installed, a step of messages from edges to vertices:
 
-    .. code-block:: python
-
         import numpy as np
         from tspslam import build_complex, sample_signals
         from tspslam.doors.tensors import to_pyg
@@ -134,6 +125,17 @@ def to_pyg(complex_: Complex, signals: Signals) -> dict[str, Any]:
     data |= {"x_0": x_0, "x_1": x_1, "x_2": x_2}
     data |= {f"ok_{k}": torch.from_numpy(mask.copy()) for k, mask in enumerate(_masks(signals))}
     return data | {"incidence_1": to_torch(complex_.B1), "incidence_2": to_torch(complex_.B2)}
+
+
+def _entries(matrix: Any) -> Any:
+    """Rows, columns and values of a sparse matrix: SciPy's COO."""
+    from scipy.sparse import issparse
+
+    sparse: Any = matrix  # what issparse narrows has no shape
+    if not issparse(matrix) or len(sparse.shape) != 2 or sparse.dtype.kind not in "biuf":
+        found = f"{type(sparse).__name__} of shape {np.shape(sparse)}"
+        raise InputError(f"matrix is {found}, expected a SciPy sparse matrix of real numbers")
+    return sparse.tocoo()
 
 
 def _features(torch: Any, values: NDArray[np.float64]) -> Any:
