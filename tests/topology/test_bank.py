@@ -118,3 +118,11 @@ def test_a_bank_of_an_image_holds_its_single_filters_and_small_images_are_mirror
 def test_bad_input_is_named(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_banks_too_large_for_memory_are_refused(monkeypatch):
+    monkeypatch.setattr("tspslam.topology.harmonic.LARGEST_BANK", 100)
+    with pytest.raises(InputError, match="tmahf: responses take"):
+        tmahf_bank(COMPLEX, UV, SIGNALS)
+    with pytest.raises(InputError, match="chf: responses take"):
+        chf(noise())

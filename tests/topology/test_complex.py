@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tspslam import InputError, build_complex
+from tspslam import InputError, build_complex, unsigned_laplacian
 
 from . import truth
 from .scenes import FIGURE_2, OCTAHEDRON, grid_faces, scattered, torus_faces
@@ -146,3 +146,11 @@ def test_what_a_caller_does_to_the_matrices_leaves_the_complex_alone():
 def test_bad_input_is_named(faces, n, edges, message):
     with pytest.raises(InputError, match=message):
         build_complex(faces, n, edges)
+
+
+def test_a_hub_of_too_many_edges_is_refused_before_the_matrix_is_built():
+    hub = build_complex([], 40_000, edges=np.column_stack([np.zeros(39_999, int), np.arange(1, 40_000)]))
+    with pytest.raises(InputError, match=r"L1 takes 18 GiB, since so many edges meet in vertex 0; expected at most 4"):
+        hub.L1  # noqa: B018
+    with pytest.raises(InputError, match="the unsigned Laplacian of the edges takes 18 GiB"):
+        unsigned_laplacian(hub, "edge")

@@ -140,6 +140,11 @@ def test_numbering_and_orientation_do_not_matter():
         np.testing.assert_allclose(sign * other[where], one, atol=1e-10)
 
 
+def test_the_basis_that_is_kept_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        harmonic_basis(TORUS)[0, 0] = 1
+
+
 def test_the_factor_is_kept_with_the_complex(monkeypatch):
     complex_ = build_complex(torus_faces(), 192)
     hodge_decompose(complex_, flow(complex_))

@@ -262,8 +262,8 @@ def test_what_is_empty_too_large_or_missing_is_said(monkeypatch):
         mahf_bank(faces, xyz, noise(xyz), ())
     with pytest.raises(InputError, match="4001 vertices are too many for method 'exact'"):
         mahf([[0, 1, 2]], np.ones((4001, 3)), np.zeros(4001), method="exact", laplacian="graph")
-    monkeypatch.setattr("tspslam.topology.mahf._LARGEST_RESPONSE", 100)
-    with pytest.raises(InputError, match="responses would take over 4 GiB"):
+    monkeypatch.setattr("tspslam.topology.harmonic.LARGEST_BANK", 100)
+    with pytest.raises(InputError, match=r"mahf: responses take 0\.0 GiB, expected at most 4"):
         mahf(faces, xyz, noise(xyz))
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "robust_laplacian", None)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..types import Bank, FloatArray, Response
-from .harmonic import checked_order
+from .harmonic import check_responses, checked_order
 from .spectral import checked_number
 from .texture import luminance
 
@@ -97,6 +97,7 @@ def chf_bank(image: NDArray[Any], orders: Sequence[int] = (0, 1, 2), scales: Seq
         raise InputError(
             f"chf: an image of {size[0]} x {size[1]} px with its rim is too large for a scale of {max(sigmas):g}"
         )
+    check_responses(plane.size * len(sigmas) * len(modes), "chf")
     transformed = fft2(np.pad(plane, reach, mode="symmetric"), size)
     z = np.empty((*plane.shape, len(sigmas) * len(modes)), np.complex128)
     for k in range(z.shape[2]):

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 Index = NDArray[np.int32]
 
+LARGEST_PRODUCT = 1 << 32
+"""Bytes of a matrix of pairs of edges that is still built."""
+
 
 class Rows(NamedTuple):
     """A CSR pattern: row i holds ``indices[indptr[i]:indptr[i + 1]]``, each once (both int32)."""
@@ -106,7 +109,14 @@ class Complex:
 
     @cached_property
     def L1(self) -> csr_array:
-        """Hodge Laplacian of oriented edge signals, ``B1ᵀ B1 + B2 B2ᵀ``, (E, E) float64."""
+        """Hodge Laplacian of oriented edge signals, ``B1ᵀ B1 + B2 B2ᵀ``, (E, E) float64.
+
+        Raises
+        ------
+        InputError
+            If so many edges meet in a vertex that it would take over 4 GiB.
+        """
+        check_product(self.edges, "L1")
         B1, B2 = self.B1.astype(np.float64), self.B2.astype(np.float64)
         return B1.T.tocsr() @ B1 + B2 @ B2.T.tocsr()
 
@@ -255,6 +265,15 @@ def checked_pairs(edges: ArrayLike | None, n: int) -> Index:
     bad = np.flatnonzero((low < 0) | (high >= n) | (low == high))
     _refuse(pairs, int(bad[0]) if len(bad) else -1, n, "edge")
     return np.stack([low, high], axis=1).astype(np.int32)
+
+
+def check_product(edges: Index, what: str) -> None:
+    """Refuse the matrix of all pairs of edges that meet in a vertex where it would take over 4 GiB."""
+    pairs = int((np.bincount(edges.ravel()).astype(np.float64) ** 2).sum())
+    if 12 * pairs > LARGEST_PRODUCT:
+        most = int(np.bincount(edges.ravel()).argmax())
+        size = f"{12 * pairs / 2**30:.0f} GiB, since so many edges meet in vertex {most}"
+        raise InputError(f"complex: {what} takes {size}; expected at most 4")
 
 
 def first_of_equals(table: NDArray[Any]) -> NDArray[np.int64]:

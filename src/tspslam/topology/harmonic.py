@@ -16,6 +16,9 @@ from .complex import Complex
 Centering = Literal["none", "mean", "harmonic", "plane"]
 Weight = Callable[[int], float]
 _HIGHEST = 1000  # order: cost grows with it, and no neighbourhood samples an angle so finely
+LARGEST_BANK = 1 << 32
+"""Bytes of responses that are still computed."""
+
 _CENTERINGS = ("none", "mean", "harmonic", "plane")
 
 
@@ -165,6 +168,7 @@ def tmahf_bank(
     points = _checked_points(complex_, uv, signals)
     near = (complex_.stars, complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
     channels, size = _channel_count(signals), (complex_.n, len(rings) * len(modes))
+    check_responses(size[0] * size[1] * channels, "tmahf")
     z, defined = np.zeros((*size, channels), np.complex128), np.zeros(size, bool)
     for c in range(channels):
         elements = _pack(points, signals, c)
@@ -241,6 +245,14 @@ def _checked_mode(order: int, centering: str | None) -> int:
     if chosen == "plane" and order != 1:
         raise InputError(f"tmahf: centering 'plane' with order {order}, expected order 1")
     return _CENTERINGS.index(chosen)
+
+
+def check_responses(count: int, what: str) -> None:
+    """Refuse a bank of over 4 GiB."""
+    if 16 * count > LARGEST_BANK:
+        raise InputError(
+            f"{what}: responses take {16 * count / 2**30:.1f} GiB, expected at most 4: fewer orders or scales"
+        )
 
 
 def checked_order(order: int, what: str) -> int:

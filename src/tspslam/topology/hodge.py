@@ -94,6 +94,7 @@ def harmonic_basis(complex_: Complex, *, method: Method = "auto") -> FloatArray:
     Returns
     -------
     (E, β1) float64
+        Not to be written to.
 
     Raises
     ------
@@ -118,6 +119,7 @@ def harmonic_basis(complex_: Complex, *, method: Method = "auto") -> FloatArray:
         potential = _solver(complex_, "L0", method).solve(complex_.B1 @ closed)
         rows = np.ascontiguousarray((closed - complex_.B1.T @ potential).T)
         _linear.orthonormalise(rows)
+        rows.setflags(write=False)  # kept: a caller must not change it
         kept["harmonic"] = rows.T
     basis: FloatArray = kept["harmonic"]
     return basis

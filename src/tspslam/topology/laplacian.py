@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Signals
+from .complex import Complex, check_product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-    from .complex import Complex
 
 Level = Literal["vertex", "edge", "face"]
 
@@ -39,7 +38,7 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
     Raises
     ------
     InputError
-        If the level is unknown or `ok` does not fit.
+        If the level is unknown, `ok` does not fit, or so many edges meet in a vertex that it would take over 4 GiB.
 
     Examples
     --------
@@ -51,6 +50,8 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
 
     if level not in ("vertex", "edge", "face"):
         raise InputError(f"level is {level!r}, expected 'vertex', 'edge' or 'face'")
+    if level == "edge":
+        check_product(complex_.edges, "the unsigned Laplacian of the edges")
     boundary = abs(complex_.B2 if level == "face" else complex_.B1).astype(np.float64)
     shared = boundary @ boundary.T if level == "vertex" else boundary.T @ boundary
     adjacency = csr_array(shared > 0, dtype=np.float64)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..types import Bank, BoolArray, FloatArray, IntArray, Response, Surface
 from .complex import build_complex
-from .harmonic import checked_order
+from .harmonic import check_responses, checked_order
 from .laplacian import checked_mask, parts_of
 from .spectral import LARGEST_DENSE, checked_number, heat_series
 from .spectrum import spectrum
@@ -28,7 +28,6 @@ Responses = NDArray[np.complex128]
 
 _LADDER = 1.15  # step between the spectral bounds for which coefficients are computed
 _CHUNK = 2048  # vertices a thread takes; fixed, so that results do not depend on the number of threads
-_LARGEST_RESPONSE = 1 << 32  # bytes
 
 
 def mahf(
@@ -150,8 +149,7 @@ def mahf_bank(
     mesh = _checked_mesh(surface, xyz)
     values, kept = _checked_signal(signal, len(mesh.xyz), ok)
     modes, times = _checked_modes(orders, scales)
-    if 16 * len(values) * len(modes) * len(times) * values[0:1].size > _LARGEST_RESPONSE:
-        raise InputError("responses would take over 4 GiB, expected fewer orders, scales or channels")
+    check_responses(values.size * len(modes) * len(times), "mahf")
     L = _laplacian(mesh, laplacian)
     z = np.zeros((len(values), len(times), len(modes), values.shape[1]), np.complex128)
     if method == "chebyshev":
