@@ -38,6 +38,17 @@ def one_channel(values: NDArray[Any]) -> NDArray[Any]:
     return values if values.ndim == 1 else values.mean(axis=1)
 
 
+def real_array(values: ArrayLike, what: str, shape: str) -> NDArray[Any]:
+    """Numbers as an array of their own type; text, objects and rows of different lengths are refused."""
+    try:
+        array: NDArray[Any] = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{what} has rows of different lengths, expected {shape}") from error
+    if array.size and array.dtype.kind not in "biuf":
+        raise InputError(f"{what} is {array.dtype} of shape {array.shape}, expected {shape} real numbers")
+    return array
+
+
 @dataclass(frozen=True)
 class Rig:
     """A rectified stereo pair of cameras: both share ``fx, fy, cy, skew`` and see a point on the same row.
@@ -355,7 +366,7 @@ class Response:
         >>> response.steer(np.pi / 2).round(9).tolist()
         [2.0]
         """
-        theta = np.asarray(angle, np.float64)
+        theta = real_array(angle, "angle", "one angle or (N,)").astype(np.float64)
         if theta.shape not in ((), self.z.shape[: theta.ndim]) or not np.isfinite(theta).all():
             raise InputError(f"angle has shape {theta.shape}, expected one finite angle or one for each vertex")
         turn = np.exp(-1j * self.order * theta)

@@ -150,7 +150,7 @@ def test_signals_of_another_complex_are_named(torch):
 
 @pytest.mark.parametrize("function", [to_torch, to_pyg], ids=lambda function: function.__name__)
 def test_code_in_the_docstrings_runs(torch, function):
-    (code,) = re.findall(r"code-block:: python\n\n((?: {8}.*\n|\n)+)", function.__doc__)
+    (code,) = re.findall(r"::(?: python)?\n\n((?: {8}.*\n|\n)+)", function.__doc__)
     exec(compile(textwrap.dedent(code), function.__name__, "exec"), {})
 
 

@@ -105,6 +105,11 @@ def test_a_bank_of_an_image_holds_its_single_filters_and_small_images_are_mirror
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: tmahf_bank(COMPLEX, UV, SIGNALS, (), (1,)), "0 orders and 1 scales, expected at least one"),
+    (lambda: tmahf_bank(COMPLEX, UV, SIGNALS, 1), "orders, scales are 1, .*, expected sequences"),
+    (lambda: tmahf_bank(COMPLEX, "abc", SIGNALS), "uv is <U3"),
+    (lambda: tmahf_bank(COMPLEX, [[1, 2], [3]], SIGNALS), "uv has rows of different lengths"),
+    (lambda: tmahf(COMPLEX, UV, SIGNALS).steer("a"), "angle is <U1"),
+    (lambda: sample_signals(noise(), [[1, 2], [3]], COMPLEX), "uv has rows of different lengths"),
     (lambda: tmahf_bank(COMPLEX, UV, SIGNALS, (1,), (0,)), "scale is 0, expected a number of rings"),
     (lambda: tmahf_bank(COMPLEX, UV, SIGNALS, (1,), (1.5,)), r"scale is 1\.5"),
     (lambda: tmahf_bank(COMPLEX, UV, SIGNALS, (-1,)), "order is -1"),

@@ -157,6 +157,13 @@ def test_smoothing_keeps_constants_and_marked_elements_and_does_not_see_the_numb
     np.testing.assert_allclose(np.sort(one.edge), np.sort(other.edge), atol=1e-12)
 
 
+def test_tiny_matrices_are_symmetric_too():
+    signal = noise(TORUS.L0)
+    np.testing.assert_allclose(
+        heat_filter(TORUS.L0 * 1e-250, signal, 1e250), heat_filter(TORUS.L0, signal, 1.0), atol=1e-9
+    )
+
+
 def test_empty_and_lonely_complexes_are_filtered():
     assert heat_filter(build_complex([], 0).L0, [], 1.0).shape == (0,)
     np.testing.assert_array_equal(heat_filter(build_complex([], 3).L0, [1.0, 2, 3], 5.0), [1, 2, 3])
@@ -199,6 +206,8 @@ def skewed():
     ({"L": csr_array((192, 3))}, "expected a square sparse matrix"),
     ({"L": skewed(), "signal": np.zeros(4)}, "L is not symmetric"),
     ({"L": csr_array(np.full((2, 2), np.nan)), "signal": np.zeros(2)}, "L holds values that are not finite"),
+    ({"L": TORUS.L0 * 1e200}, "L holds values that are not finite or too large"),
+    ({"signal": np.full(192, 1e200)}, "signal is too large at element 0"),
     ({"L": csr_array(np.eye(2) * 1j), "signal": np.zeros(2)}, "L is complex128"),
 ])  # fmt: skip
 def test_bad_input_is_named(arguments, message):

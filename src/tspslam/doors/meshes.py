@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..io import read_image, read_mesh
 from ..topology.complex import Complex, build_complex
 from ..topology.texture import sample_signals
-from ..types import Cloud, FloatArray, Image, Rig, Signals, Surface
+from ..types import Cloud, FloatArray, Image, Rig, Signals, Surface, real_array
 from ..vision.formats import read_rectified
 from ..vision.visibility import visible_uv
 
@@ -73,7 +73,7 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
     >>> textured.signals.face.tolist()
     [0.5]
     """
-    points = np.ascontiguousarray(xyz, np.float64)
+    points = np.ascontiguousarray(real_array(xyz, "xyz", "(N, 3)"), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"xyz has shape {points.shape}, expected (N, 3)")
     if np.shape(image)[:2] != (rig.height, rig.width):

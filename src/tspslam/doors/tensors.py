@@ -103,7 +103,7 @@ def to_pyg(complex_: Complex, signals: Signals) -> dict[str, Any]:
 
     Examples
     --------
-    With PyTorch installed, a step of messages from edges to vertices:
+    With PyTorch installed, a step of messages from edges to vertices::
 
         import numpy as np
         from tspslam import build_complex, sample_signals

@@ -22,7 +22,7 @@ def largest_eigenvalue(indptr, indices, data):  # type: ignore[no-untyped-def]
                 scale[i] = max(scale[i], data[p])
     largest = scale.max() if n else 0.0
     for i in range(n):
-        scale[i] = max(scale[i], 1e-3 * largest) if largest > 0 else 1.0
+        scale[i] = max(scale[i] / largest, 1e-3) if largest > 0 else 1.0
     plain, scaled = 0.0, 0.0
     for i in range(n):
         diagonal, around, weighted = 0.0, 0.0, 0.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..types import Bank, FloatArray, Response
-from .harmonic import check_responses, checked_order
+from .harmonic import check_responses, checked_bank, checked_order
 from .spectral import checked_number
 from .texture import luminance
 
@@ -86,10 +86,9 @@ def chf_bank(image: NDArray[Any], orders: Sequence[int] = (0, 1, 2), scales: Seq
     """
     from scipy.fft import fft2, ifft2, next_fast_len
 
+    orders, scales = checked_bank(orders, scales, "chf")
     modes = [checked_order(order, "chf") for order in orders]
     sigmas = [checked_number(scale, "scale", 0.1) for scale in scales]
-    if not modes or not sigmas:
-        raise InputError(f"chf: {len(modes)} orders and {len(sigmas)} scales, expected at least one of each")
     plane = luminance(image)
     reach = int(np.ceil(_REACH * max(sigmas)))
     size = [next_fast_len(side + 2 * reach) for side in plane.shape]

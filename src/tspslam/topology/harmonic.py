@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import Bank, FloatArray, Response, Signals
+from ..types import Bank, FloatArray, Response, Signals, real_array
 from .complex import Complex
 
 Centering = Literal["none", "mean", "harmonic", "plane"]
@@ -164,7 +164,7 @@ def tmahf_bank(
     """
     from . import _bank
 
-    modes, rings = _checked_bank(orders, scales, centering)
+    modes, rings = _checked_modes(orders, scales, centering)
     points = _checked_points(complex_, uv, signals)
     near = (complex_.stars, complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
     channels, size = _channel_count(signals), (complex_.n, len(rings) * len(modes))
@@ -177,15 +177,14 @@ def tmahf_bank(
     return Bank(z.reshape(shape), np.tile(modes, len(rings)), np.repeat(rings, len(modes)).astype(np.float64), defined)
 
 
-def _checked_bank(
+def _checked_modes(
     orders: Sequence[int], scales: Sequence[int], centering: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    orders, scales = checked_bank(orders, scales, "tmahf")
     modes = [checked_order(order, "tmahf") for order in orders]
     for rings in scales:
         if isinstance(rings, bool) or not isinstance(rings, int | np.integer) or rings < 1:
             raise InputError(f"tmahf: scale is {rings!r}, expected a number of rings, an integer from 1")
-    if not len(modes) or not len(scales):
-        raise InputError(f"tmahf: {len(modes)} orders and {len(scales)} scales, expected at least one of each")
     if centering not in _CENTERINGS[:3]:
         raise InputError(f"tmahf: centering of a bank is {centering!r}, expected one of {', '.join(_CENTERINGS[:3])}")
     return np.array(modes, np.int64), np.array(scales, np.int64)
@@ -247,6 +246,17 @@ def _checked_mode(order: int, centering: str | None) -> int:
     return _CENTERINGS.index(chosen)
 
 
+def checked_bank(orders: Sequence[Any], scales: Sequence[Any], what: str) -> tuple[list[Any], list[Any]]:
+    """Orders and scales of a bank, at least one of each."""
+    try:
+        both = list(orders), list(scales)
+    except TypeError as error:
+        raise InputError(f"{what}: orders, scales are {orders!r}, {scales!r}, expected sequences") from error
+    if not all(both):
+        raise InputError(f"{what}: {len(both[0])} orders and {len(both[1])} scales, expected at least one of each")
+    return both
+
+
 def check_responses(count: int, what: str) -> None:
     """Refuse a bank of over 4 GiB."""
     if 16 * count > LARGEST_BANK:
@@ -263,7 +273,7 @@ def checked_order(order: int, what: str) -> int:
 
 
 def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> FloatArray:
-    points = np.ascontiguousarray(uv, dtype=np.float64)
+    points = np.ascontiguousarray(real_array(uv, "uv", "(N, 2)"), dtype=np.float64)
     if points.shape != (complex_.n, 2):
         raise InputError(f"tmahf: uv has shape {points.shape}, expected ({complex_.n}, 2)")
     sizes = (len(signals.vertex), len(signals.edge), len(signals.face))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..types import FloatArray, Signals
+from ..types import FloatArray, Signals, real_array
 from . import homology
 from .complex import Complex
+from .laplacian import check_values
 from .solvers import Method, Solver
 
 FEW_CYCLES = 24
@@ -200,10 +201,9 @@ def _project(basis: FloatArray, signal: FloatArray) -> FloatArray:
 def _checked(complex_: Complex, signal: ArrayLike, count: int, level: str) -> FloatArray:
     if isinstance(signal, Signals):
         raise InputError("a Signals is unsigned: it does not flip with orientation; expected an oriented edge signal")
-    values: NDArray[Any] = np.asarray(signal)
-    if values.ndim not in (1, 2) or len(values) != count or values.dtype.kind not in "biuf":
+    values = real_array(signal, f"{level} signal", f"({count},) or (.., C)")
+    if values.ndim not in (1, 2) or len(values) != count:
         raise InputError(f"{level} signal is {values.dtype} of shape {values.shape}, expected ({count},) or (.., C)")
-    bad = np.flatnonzero(~np.isfinite(values.reshape(count, -1 if values.size else 0)).all(axis=1))
-    if len(bad):
-        raise InputError(f"{level} signal is not finite at {level} {bad[0]}, expected finite values")
-    return values.astype(np.float64)
+    real = values.astype(np.float64)
+    check_values(real, f"{level} signal", level)
+    return real

@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import BoolArray, FloatArray, Signals
+from ..types import BoolArray, FloatArray, Signals, real_array
 from .complex import Complex, check_product
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 Level = Literal["vertex", "edge", "face"]
+
+LARGEST_VALUE = 1e100
+"""Larger numbers are refused: sums of their squares would overflow."""
 
 
 def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = None) -> csr_array:
@@ -74,13 +77,11 @@ def checked(L: Any, signal: ArrayLike) -> tuple[csr_array, FloatArray]:
     matrix = checked_matrix(L)
     if isinstance(signal, Signals):
         raise InputError("signal is a Signals, expected an array of one level; for all levels there is smooth_signals")
-    values: NDArray[Any] = np.ascontiguousarray(signal)
-    if values.ndim not in (1, 2) or len(values) != matrix.shape[0] or values.dtype.kind not in "biuf":
+    values = np.ascontiguousarray(real_array(signal, "signal", f"({matrix.shape[0]},) or (.., C)"))
+    if values.ndim not in (1, 2) or len(values) != matrix.shape[0]:
         raise InputError(f"signal is {values.dtype} of shape {values.shape}, expected ({matrix.shape[0]},) or (.., C)")
     values = values.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1 if values.size else 0)).all(axis=1))
-    if len(bad):
-        raise InputError(f"signal is not finite at element {bad[0]}, expected finite values")
+    check_values(values, "signal", "element")
     return matrix, values
 
 
@@ -98,12 +99,22 @@ def checked_matrix(L: Any) -> csr_array:
     return matrix
 
 
+def check_values(values: FloatArray, what: str, where: str) -> None:
+    """Refuse (n,) or (n, C) values that are not finite, or so large that their squares are not."""
+    rows = values.reshape(len(values), -1 if values.size else 0)
+    bad = np.flatnonzero(~(np.abs(rows) <= LARGEST_VALUE).all(axis=1))
+    if len(bad):
+        found = "too large" if np.isfinite(rows[bad[0]]).all() else "not finite"
+        raise InputError(f"{what} is {found} at {where} {bad[0]}, expected finite values, at most {LARGEST_VALUE:g}")
+
+
 def _check_symmetric(matrix: csr_array) -> None:
     """Refuse a matrix for which xᵀ L y is not yᵀ L x, for one random pair, the same each time."""
-    if not np.isfinite(matrix.data).all():
-        raise InputError("L holds values that are not finite, expected finite ones")
+    largest = float(np.abs(matrix.data).max(initial=0))
+    if not largest <= LARGEST_VALUE:
+        raise InputError(f"L holds values that are not finite or too large, expected at most {LARGEST_VALUE:g}")
     x, y = np.random.default_rng(0).standard_normal((2, matrix.shape[0]))
-    one, other = matrix @ x, matrix @ y
+    one, other = (matrix @ vector / (largest or 1.0) for vector in (x, y))
     scale = np.linalg.norm(one) * np.linalg.norm(y) + np.linalg.norm(other) * np.linalg.norm(x)
     if abs(y @ one - x @ other) > 1e-10 * scale:
         raise InputError("L is not symmetric, expected L = Lᵀ")

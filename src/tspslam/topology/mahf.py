@@ -5,16 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import Bank, BoolArray, FloatArray, IntArray, Response, Surface
+from ..types import Bank, BoolArray, FloatArray, IntArray, Response, Surface, real_array
 from .complex import build_complex
-from .harmonic import check_responses, checked_order
-from .laplacian import checked_mask, parts_of
+from .harmonic import check_responses, checked_bank, checked_order
+from .laplacian import check_values, checked_mask, parts_of
 from .spectral import LARGEST_DENSE, checked_number, heat_series
 from .spectrum import spectrum
 
@@ -27,6 +27,7 @@ Modes = NDArray[np.int64]
 Responses = NDArray[np.complex128]
 
 _LADDER = 1.15  # step between the spectral bounds for which coefficients are computed
+_FARTHEST = 1e9  # m
 _CHUNK = 2048  # vertices a thread takes; fixed, so that results do not depend on the number of threads
 
 
@@ -202,15 +203,15 @@ class _Mesh(NamedTuple):
 
 
 def _checked_mesh(surface: Surface | ArrayLike, xyz: ArrayLike) -> _Mesh:
-    points = np.ascontiguousarray(xyz, np.float64)
+    points = np.ascontiguousarray(real_array(xyz, "xyz", "(N, 3)"), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"xyz has shape {points.shape}, expected (N, 3)")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(points) <= _FARTHEST).all(axis=1))
     if len(bad):
-        raise InputError(f"xyz is not finite at vertex {bad[0]}, expected finite coordinates")
-    faces = np.asarray(surface.faces if isinstance(surface, Surface) else surface)
+        raise InputError(f"xyz is {points[bad[0]].tolist()} at vertex {bad[0]}, expected at most {_FARTHEST:g}")
+    faces = surface.faces if isinstance(surface, Surface) else surface
     build_complex(faces, len(points))  # refuses what is no triangle of these vertices
-    triangles = np.ascontiguousarray(faces.reshape(-1, 3), np.int32)
+    triangles = np.ascontiguousarray(np.reshape(faces, (-1, 3)), np.int32)
     has_face = np.zeros(len(points), bool)
     has_face[triangles] = True
     return _Mesh(triangles, points, tangent_axes(points, triangles), has_face)
@@ -244,23 +245,19 @@ def normalised(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
 
 def _checked_signal(signal: ArrayLike, n: int, ok: ArrayLike | None) -> tuple[FloatArray, BoolArray]:
     """The signal (N, C), 0 where there is none, and where there is one."""
-    values: NDArray[Any] = np.asarray(signal)
-    if values.ndim not in (1, 2) or len(values) != n or values.dtype.kind not in "biuf":
+    values = real_array(signal, "signal", f"({n},) or ({n}, C)")
+    if values.ndim not in (1, 2) or len(values) != n:
         raise InputError(f"signal is {values.dtype} of shape {values.shape}, expected ({n},) or ({n}, C)")
     kept = np.ones(n, bool) if ok is None else checked_mask(ok, n)
     columns = np.where(kept[:, None], values.reshape(n, -1 if values.size else 0), 0).astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(columns).all(axis=1))
-    if len(bad):
-        raise InputError(f"signal is not finite at vertex {bad[0]}, expected finite values")
+    check_values(columns, "signal", "vertex")
     return np.ascontiguousarray(columns), kept
 
 
 def _checked_modes(orders: Sequence[int], scales: Sequence[float]) -> tuple[Modes, FloatArray]:
+    orders, scales = checked_bank(orders, scales, "mahf")
     modes = np.array([checked_order(order, "mahf") for order in orders], np.int64)
-    times = np.array([checked_number(t, "t") for t in scales], np.float64)
-    if not len(modes) or not len(times):
-        raise InputError(f"{len(modes)} orders and {len(times)} scales, expected at least one of each")
-    return modes, times
+    return modes, np.array([checked_number(t, "t") for t in scales], np.float64)
 
 
 def _laplacian(mesh: _Mesh, kind: Kind) -> csr_array:
@@ -302,8 +299,12 @@ def _robust(mesh: _Mesh) -> csr_array:
         return csr_array((n, n))
     try:
         small = robust_laplacian.mesh_laplacian(mesh.xyz[used], number[mesh.faces])[0].tocoo()
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         raise InputError(f"robust_laplacian cannot use this mesh: {error}") from error
+    if not np.isfinite(small.data).all():
+        raise InputError(
+            "robust_laplacian cannot use this mesh: its weights are not finite, expected faces with an area"
+        )
     return csr_array((small.data, (used[small.row], used[small.col])), shape=(n, n))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import REC601, UNIT_OF, FloatArray, Signals
+from ..types import REC601, UNIT_OF, FloatArray, Signals, real_array
 from .complex import Complex
 
 _WIDEST_EXACT = 32767  # a row of 16-bit pixels of this length still sums within int32
@@ -160,7 +160,7 @@ def _checked_unit(image: NDArray[Any]) -> float:
 
 
 def _checked_uv(uv: ArrayLike, n: int) -> FloatArray:
-    points = np.ascontiguousarray(uv, dtype=np.float64)
+    points = np.ascontiguousarray(real_array(uv, "uv", f"({n}, 2)"), dtype=np.float64)
     if points.shape != (n, 2):
         raise InputError(f"uv: shape is {points.shape}, expected ({n}, 2): one projection for each vertex")
     return points

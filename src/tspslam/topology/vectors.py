@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..types import FloatArray, Signals
+from ..types import FloatArray, Signals, real_array
 from .complex import Complex
 from .mahf import normalised, tangent_axes
 from .texture import luminance, sample_signals
@@ -108,7 +108,7 @@ def geometry_signals(complex_: Complex, xyz: ArrayLike, signals: Signals) -> Sig
     >>> geometry_signals(triangle, [[0, 0, 2], [1, 0, 2], [0, 1, 2.0]], signals).face.tolist()
     [[2.0, 0.0, 0.0, 1.0]]
     """
-    points = np.array(xyz, np.float64)
+    points = np.array(real_array(xyz, "xyz", f"({complex_.n}, 3)"), np.float64)
     sizes = (len(signals.vertex), len(signals.edge), len(signals.face))
     if points.shape != (complex_.n, 3) or sizes != (complex_.n, len(complex_.edges), len(complex_.faces)):
         raise InputError(f"xyz has shape {points.shape}, signals {sizes} elements, expected those of the complex")
