@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ LARGEST_FACTOR = 400_000
 TOLERANCE = 1e-12
 """Relative residual of iterative solutions."""
 
+
+_MOST_CYCLES = 100
 
 Solve = Callable[[FloatArray], FloatArray]
 
@@ -110,11 +112,27 @@ def _grounded(L: csr_array, held: NDArray[np.int64]) -> csr_array:
 
 
 def _multigrid(matrix: csr_array) -> Solve:
-    """A guess good to about 1e-10."""
+    """A guess good to about 1e-10: conjugate gradients with a V-cycle as preconditioner, sums in one order."""
     import pyamg
 
-    hierarchy: Any = pyamg.ruge_stuben_solver(matrix)
-    return lambda b: hierarchy.solve(b, tol=1e-10, accel="cg", maxiter=100)
+    cycle = pyamg.ruge_stuben_solver(matrix).aspreconditioner(cycle="V")
+
+    def solve(b: FloatArray) -> FloatArray:
+        x, left, direction, energy = np.zeros(len(b)), b.copy(), np.zeros(len(b)), 1.0
+        goal = 1e-20 * (b * b).sum()
+        for _ in range(_MOST_CYCLES):
+            if (left * left).sum() <= goal:
+                break
+            smoothed = cycle @ left
+            before, energy = energy, (left * smoothed).sum()
+            direction = smoothed + energy / before * direction
+            product = matrix @ direction
+            step = energy / (direction * product).sum()
+            x += step * direction
+            left -= step * product
+        return x
+
+    return solve
 
 
 def _conjugate_gradient(L: csr_array, guess: Solve) -> Solve:

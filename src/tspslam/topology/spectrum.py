@@ -87,7 +87,7 @@ def spectrum(L: Any, k: int | None = None, which: Literal["lowest", "highest"] =
     Up to 500 rows, and where k is over a third of them, all are computed and some kept; else ARPACK on
     the inverse of the shifted matrix (which should have no negative eigenvalues); what it finds is taken
     out and looked through again, since one vector of a repeated eigenvalue is easily missed. Where eigenvalues
-    coincide, their vectors are one basis of many.
+    coincide, their vectors are one basis of many. Equal to rounding, not in every bit, whatever the number of threads.
 
     Examples
     --------
