@@ -3,7 +3,7 @@ import sys
 import numpy as np
 import pytest
 
-from tspslam import InputError, betti_numbers, build_complex, harmonic_basis, hodge_decompose, sample_signals
+from tspslam import InputError, betti_numbers, build_complex, harmonic_basis, hodge_decompose, sample_signals, spectrum
 from tspslam.topology import hodge, solvers
 from tspslam.topology.hodge import curl, divergence, gradient
 from tspslam.topology.homology import closed_cochains
@@ -204,3 +204,16 @@ def test_what_is_missing_too_large_or_does_not_converge_is_said(monkeypatch):
     monkeypatch.setattr(solvers.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"needs pyamg, expected .* pip install 'tspslam\[mesh\]'"):
         hodge_decompose(fresh(TORUS), flow(TORUS), method="amg")
+
+
+def test_a_factor_that_does_not_fit_is_refused(monkeypatch):
+    from scipy.sparse import linalg
+
+    def full(*_arguments, **_options):
+        raise MemoryError
+
+    monkeypatch.setattr(linalg, "splu", full)
+    with pytest.raises(InputError, match="a factor of 192 rows does not fit into memory, expected method='cg'"):
+        hodge_decompose(fresh(TORUS), flow(TORUS), method="factor")
+    with pytest.raises(InputError, match="a factor of 576 rows does not fit into memory, expected fewer"):
+        spectrum(TORUS.L1, 3)

@@ -4,7 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._jit import kernel, reassociated_kernel
+from .._jit import inlined, kernel, reassociated_kernel
+
+
+@inlined
+def _scattered(i, seed):  # type: ignore[no-untyped-def]
+    """A number in [-1, 1) from an index: shifts and products stir its bits."""
+    bits = np.int64(i) + seed
+    for _ in range(2):
+        bits = (bits ^ (bits >> 16)) * 73244475 % 4294967296
+    return (bits ^ (bits >> 16)) / 2147483648.0 - 1.0
+
+
+@kernel
+def asymmetry(indptr, indices, data, scale):  # type: ignore[no-untyped-def]
+    """``xᵀ L y - yᵀ L x`` for two vectors of scattered numbers, as a share of the sum of its terms' magnitudes."""
+    difference, total = 0.0, 0.0
+    for i in range(indptr.shape[0] - 1):
+        x, y = _scattered(i, 1), _scattered(i, 1000000007)
+        for p in range(indptr[i], indptr[i + 1]):
+            j, value = indices[p], data[p] / scale
+            one, other = value * x * _scattered(j, 1000000007), value * y * _scattered(j, 1)
+            difference += one - other
+            total += abs(one) + abs(other)
+    return abs(difference) / total if total > 0 else 0.0
 
 
 @kernel

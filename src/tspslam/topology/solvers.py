@@ -100,7 +100,10 @@ def _factor(L: csr_array, held: NDArray[np.int64]) -> Solve:
         return np.zeros_like
     matrix = csc_array(_grounded(L, held))
     options = {"SymmetricMode": True}
-    solve: Solve = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
+    try:
+        solve: Solve = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
+    except MemoryError as error:
+        raise InputError(f"a factor of {L.shape[0]} rows does not fit into memory, expected method='cg'") from error
     return solve
 
 

@@ -126,6 +126,8 @@ def _by_iteration(matrix: csr_array, k: int, which: str) -> tuple[FloatArray, Fl
             sizes[worst], vectors[:, worst] = size[0], left[:, 0]
     except (ArpackError, RuntimeError) as error:
         raise InputError(f"eigenvalues do not converge: {error}; expected a smaller k or another matrix") from error
+    except MemoryError as error:
+        raise InputError(f"a factor of {matrix.shape[0]} rows does not fit into memory, expected fewer") from error
     values = np.einsum("nk,nk->k", vectors, matrix @ vectors)
     order = np.argsort(values, kind="stable")
     return values[order], vectors[:, order]
