@@ -189,6 +189,7 @@ GRID = build_complex(grid_faces(4, 4), 16)
     (lambda: merge_cells(TORUS, (np.arange(384) > 0) * 1), "label 1 joins 383 faces that are no disc"),
     (lambda: sample_signals(IMAGE, UV, merge_cells(COMPLEX, LABELS)), "its faces are polygons, expected triangles"),
     (lambda: merge_signals(TORUS, np.arange(384), sample_signals(IMAGE, UV, COMPLEX)), "expected those of 384 faces"),
+    (lambda: merge_signals(COMPLEX, sample_signals(IMAGE, UV, COMPLEX), LABELS), "signals is ndarray, expected a Signals"),
     (lambda: build_cells([[0, 1]], 3), r"cell 0 is \[0, 1\], expected a cycle of 3 or more"),
     (lambda: build_cells([[0, 1, 2], [0, 1, 2, 1]], 3), r"cell 1 is \[0, 1, 2, 1\]"),
     (lambda: build_cells([[0, 1, 3]], 3), "expected a cycle of 3 or more distinct vertices in 0..2"),

@@ -260,6 +260,8 @@ def merge_signals(complex_: Complex, labels: ArrayLike, signals: Signals) -> Sig
     >>> merge_signals(square, [0, 0], signals).face.tolist()
     [0.25]
     """
+    if not isinstance(signals, Signals):
+        raise InputError(f"cells: signals is {type(signals).__name__}, expected a Signals after the labels")
     cell_of, count, _, _, _, kept = _trace(complex_, labels)
     if len(signals.face) != len(cell_of) or len(signals.edge) != len(complex_.edges):
         raise InputError(f"cells: signals are on {len(signals.face)} faces, expected those of {len(cell_of)} faces")
