@@ -25,7 +25,7 @@ MESHES = (*SIZES, "Motorcycle surface")
 
 @lru_cache(maxsize=2)
 def mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Faces and vertices: the torus of Figures 11 and 12, tilted, before the camera, or the surface of the real pair."""
+    """Faces and vertices: the torus of Figures 11 and 12 before the camera, or the surface of the real pair."""
     if name not in SIZES:
         cloud = tspslam.reconstruct(tspslam.datasets.motorcycle())
         return tspslam.delaunay_surface(cloud).faces, cloud.xyz
