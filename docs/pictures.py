@@ -1,22 +1,23 @@
-"""The pictures of the pages on spectra, filters and cells, drawn from synthetic meshes and the Motorcycle pair."""
+"""The pictures of the pages on spectra, filters, cells and worlds, drawn from synthetic data and Motorcycle."""
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm
 from scipy.spatial import Delaunay
 
 import tspslam
 from tspslam.topology.mahf import tangent_axes
 
-NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png")
+NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png", "worlds.png")
 
 
 def draw(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     frame = tspslam.Session(tspslam.datasets.motorcycle().rig).process(tspslam.datasets.motorcycle())
-    for name, figure in zip(NAMES, (hodge(), filters(frame), logmap(), cells(frame)), strict=True):
+    for name, figure in zip(NAMES, (hodge(), filters(frame), logmap(), cells(frame), worlds()), strict=True):
         figure.savefig(folder / name, dpi=110, bbox_inches="tight")
         plt.close(figure)
 
@@ -153,4 +154,19 @@ def cells(frame) -> plt.Figure:
         ax.set(title=f"{len(faces)} {title}", xticks=[], yticks=[], aspect="equal")
         ax.set(xlim=(0, frame.rig.width), ylim=(frame.rig.height, 0))
     figure.colorbar(shapes, ax=axes, shrink=0.8, label="luminance")
+    return figure
+
+
+def worlds() -> plt.Figure:
+    """The ready worlds and their depth."""
+    synthetic = tspslam.datasets.synthetic
+    scenes = (synthetic.street(40), synthetic.corridor(20), synthetic.room(frames=40), synthetic.still(1))
+    figure, axes = plt.subplots(2, 4, figsize=(13, 5.2), layout="constrained", sharex=True, sharey=True)
+    for (above, below), scene in zip(axes.T, scenes, strict=True):
+        sequence = synthetic.SyntheticSequence(scene)
+        place = len(sequence) // 5
+        above.imshow(sequence[place].left, cmap="gray", vmin=0, vmax=255)
+        depth = below.imshow(sequence.geometry(place).depth, norm=LogNorm(1, 100), cmap="viridis")
+        above.set(title=scene.name, xticks=[], yticks=[])
+    figure.colorbar(depth, ax=axes[1], shrink=0.9, label="z, m")
     return figure

@@ -1,0 +1,31 @@
+"""Worlds with a known truth: textured shapes, ray cast into stereo pairs with exact depth, normals, labels and poses.
+
+A `Scene` is shapes and a camera's path; a `SyntheticSequence` takes pairs along it, with the `Faults` of real cameras::
+
+    scene    = synthetic.street(100)
+    sequence = synthetic.SyntheticSequence(scene, faults=synthetic.Faults(noise=0.01))
+    pair     = sequence[0]               # as any other reader gives it
+    geometry = sequence.geometry(0)      # depth, normal, label, disparity of each pixel of pair.left
+    poses    = sequence.truth            # T_world_camera of every frame
+"""
+
+from .render import Geometry as Geometry
+from .scenes import corridor as corridor
+from .scenes import room as room
+from .scenes import still as still
+from .scenes import street as street
+from .sequence import PAPER_RIG as PAPER_RIG
+from .sequence import Faults as Faults
+from .sequence import SyntheticSequence as SyntheticSequence
+from .shapes import Scene as Scene
+from .shapes import Shape as Shape
+from .shapes import box as box
+from .shapes import plane as plane
+from .shapes import sphere as sphere
+from .shapes import torus as torus
+from .texture import Texture as Texture
+
+__all__ = [
+    "PAPER_RIG", "Faults", "Geometry", "Scene", "Shape", "SyntheticSequence", "Texture",
+    "box", "corridor", "plane", "room", "sphere", "still", "street", "torus",
+]  # fmt: skip

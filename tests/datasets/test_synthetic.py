@@ -1,0 +1,231 @@
+"""Synthetic worlds: what is rendered agrees with closed forms and with a plain ray caster, and repeats."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+import tspslam
+from tspslam.datasets import synthetic as syn
+from tspslam.errors import InputError
+
+RIG = tspslam.Rig(fx=90, fy=95, cx=61.3, cy=44.7, baseline=0.2, width=128, height=96, skew=0.7, doffs=3.0)
+CLEAN = syn.Faults(eight_bit=False)
+
+
+def rays(rig):
+    v, u = np.mgrid[: rig.height, : rig.width].astype(float)
+    y = (v - rig.cy) / rig.fy
+    return np.stack([(u - rig.cx - rig.skew * y) / rig.fx, y, np.ones_like(y)], axis=-1)
+
+
+def one(*shapes, rig=RIG, faults=CLEAN, **more):
+    return syn.SyntheticSequence(syn.Scene(shapes, **more), rig, faults)
+
+
+def plain_depth(scene, rig, pose):
+    """Depth and label by testing every ray against every triangle (Möller and Trumbore)."""
+    ray, depth, label = rays(rig).reshape(-1, 3), np.full(rig.width * rig.height, np.inf), 0
+    label = np.zeros(len(ray), int)
+    for number, shape in enumerate(scene.shapes, 1):
+        corners = ((shape.world_vertices() - pose[:3, 3]) @ pose[:3, :3])[shape.faces]
+        for a, b, c in corners:
+            p = np.cross(ray, c - a)
+            det = p @ (b - a)
+            with np.errstate(all="ignore"):
+                s = p @ -a / det
+                q = np.cross(-a, b - a)
+                t = ray @ q / det
+                z = (c - a) @ q / det
+            hit = (s >= 0) & (t >= 0) & (s + t <= 1) & (z > 0) & (z < depth)
+            depth[hit], label[hit] = z[hit], number
+    return depth.reshape(rig.height, -1), label.reshape(rig.height, -1)
+
+
+def test_a_slanted_plane_has_the_depth_of_its_equation():
+    wall = syn.plane(50, 50).at(0, 0, 4, turn=(0.3, -0.5, 0.1))
+    geometry = one(wall).geometry(0)
+    normal = wall.pose[:3, 2]
+    expected = normal @ (0, 0, 4) / (rays(RIG) @ normal)
+    np.testing.assert_allclose(geometry.depth, expected, rtol=1e-12)
+    np.testing.assert_allclose(geometry.normal, np.broadcast_to(-normal, geometry.normal.shape), atol=1e-12)
+    np.testing.assert_allclose(geometry.disparity, RIG.fx * RIG.baseline / expected - RIG.doffs, atol=1e-12)
+
+
+def test_a_sphere_has_the_depth_of_its_equation():
+    geometry = one(syn.sphere(1.0, rows=400).at(0.2, -0.1, 4)).geometry(0)
+    ray, centre = rays(RIG), np.array([0.2, -0.1, 4])
+    a, b = (ray**2).sum(-1), ray @ centre
+    root = b**2 - a * (centre @ centre - 1)
+    inside = root > 0.1
+    np.testing.assert_allclose(geometry.depth[inside], ((b - np.sqrt(np.abs(root))) / a)[inside], rtol=1e-4)
+    assert np.isnan(geometry.depth[root < 0]).all()
+    assert ((geometry.label == 0) == np.isnan(geometry.depth)).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_heap_of_triangles_is_cast_as_by_a_plain_ray_caster(seed):
+    rng = np.random.default_rng(seed)
+    heap = [syn.Shape(f"s{k}", rng.uniform(-4, 4, (30, 3)), rng.permutation(30).reshape(10, 3)) for k in range(3)]
+    scene = syn.Scene(tuple(heap), path=syn.shapes.pose_at(rng.normal(0, 1, 3), rng.normal(0, 1, 3))[None])
+    geometry = syn.SyntheticSequence(scene, RIG, CLEAN).geometry(0)
+    depth, label = plain_depth(scene, RIG, scene.path[0])
+    same = geometry.label == label
+    assert same.mean() > 0.9995  # rays that graze a side
+    hit = same & (label > 0)
+    np.testing.assert_allclose(geometry.depth[hit], depth[hit], rtol=1e-9)
+
+
+def test_surfaces_have_no_cracks():
+    room = syn.room(frames=8)
+    sequence = syn.SyntheticSequence(room, RIG, CLEAN)
+    assert all((sequence.geometry(k).label > 0).all() for k in range(len(sequence)))
+
+
+def test_the_right_image_shows_the_left_one_at_the_disparity():
+    sequence = one(syn.plane(20, 20, texture=syn.Texture(1, 0.05)).at(0, 0, 3, turn=(0.2, 0.4, 0)))
+    pair, disparity = sequence[0], sequence.geometry(0).disparity
+    v, u = np.mgrid[: RIG.height, : RIG.width].astype(float)
+    seen = map_coordinates(pair.right.astype(float), [v, u - disparity], order=3, cval=np.nan)
+    inside = (u - disparity > 2) & (u - disparity < RIG.width - 3)
+    assert np.abs(seen - pair.left)[inside].mean() < 0.01 < 5 * pair.left.std()
+
+
+def test_a_pair_is_reconstructed_without_bias():
+    rig = syn.PAPER_RIG
+    sequence = one(syn.plane(20, 20, texture=syn.Texture(2, 0.012)).at(0, 0, 3, turn=(0, 0.3, 0)), rig=rig, faults=None)
+    cloud = tspslam.reconstruct(sequence[0])
+    column, row = np.floor(cloud.uv + 0.5).astype(int).T
+    error = cloud.disparity - map_coordinates(sequence.geometry(0).disparity, cloud.uv.T[::-1], order=1)
+    assert len(row) == len(column) > 500
+    assert abs(np.median(error)) < 0.02
+    assert np.median(np.abs(error)) < 0.1
+
+
+def test_a_texture_seen_from_afar_fades_to_its_mean():
+    tile = syn.Texture(image=np.kron([[0.0, 1.0], [1.0, 0.0]], np.ones((8, 8))))
+    image = one(syn.plane(9000, 9000, texture=tile).at(0, 0, 1000))[0].left
+    assert np.ptp(image) < 1e-6
+
+
+def test_a_leaf_keeps_its_size_at_any_distance():
+    stripes = np.kron(np.tile([[0.0, 1.0]], (2, 1)), np.ones((32, 32)))
+    texture = syn.Texture(texel=0.02, image=stripes, brightness=0.5)
+    near, far = (one(syn.plane(90, 90, texture=texture).at(0, 0, z))[0].left > 0.5 for z in (4, 8))
+    turns = [np.abs(np.diff(image[48].astype(int))).sum() for image in (near, far)]
+    assert abs(turns[1] - 2 * turns[0]) <= 2
+
+
+def test_edges_of_shapes_are_smoothed():
+    plain = syn.Texture(brightness=0.4, contrast=0)
+    image = one(syn.plane(2, 2, texture=plain).at(0, 0, 4, turn=(0, 0, 0.3)), background=1.0)[0].left
+    levels = np.unique(image.round(5))
+    assert 4 < len(levels) < 18  # sixteen rays through a pixel at an edge
+    area = (1 - image).sum() / (1 - image.min())
+    assert area == pytest.approx(4 * RIG.fx * RIG.fy / 16, rel=2e-3)
+
+
+def test_poses_move_the_camera():
+    box = syn.box(1, 2, 3).at(0.5, 0, 6)
+    pose = syn.shapes.pose_at((0.3, -0.2, 1), (0.1, 0.2, -0.1))
+    moved = one(box, path=pose[None]).geometry(0)
+    inverse = np.linalg.inv(pose)
+    same = one(replace(box, pose=inverse @ box.pose)).geometry(0)
+    np.testing.assert_allclose(moved.depth, same.depth, rtol=1e-9)
+
+
+def test_a_moving_shape_is_where_its_velocity_takes_it():
+    wall = replace(syn.plane(50, 50).at(0, 0, 4), velocity=(0.0, 0.0, 2.0))
+    sequence = one(wall, path=np.eye(4)[None].repeat(6, axis=0))
+    assert sequence.geometry(5).depth[40, 40] == pytest.approx(5.0)
+    assert sequence.stamps[5] == pytest.approx(0.5)
+
+
+def test_labels_number_the_shapes():
+    sequence = one(syn.plane(90, 90).at(0, 0, 9), syn.sphere(1).at(0, 0, 5))
+    assert set(np.unique(sequence.geometry(0).label)) == {1, 2}
+    assert one(syn.sphere(1).at(0, 0, 5)).geometry(0).label.min() == 0
+
+
+def test_frames_repeat_in_any_order_and_differ_by_seed():
+    scene, faults = syn.still(4), syn.Faults(noise=0.02, exposure=0.5)
+    first, again, other = (syn.SyntheticSequence(scene, RIG, faults, seed=seed) for seed in (5, 5, 6))
+    forward = [pair.left.tobytes() + pair.right.tobytes() for pair in first]
+    backward = [again[k].left.tobytes() + again[k].right.tobytes() for k in (3, 2, 1, 0)][::-1]
+    assert forward == backward
+    assert len(set(forward)) == 4
+    assert other[0].left.tobytes() != first[0].left.tobytes()
+
+
+def test_each_fault_does_what_it_says():
+    scene = syn.still(3)
+    clean = syn.SyntheticSequence(scene, RIG, CLEAN)[0]
+
+    def with_faults(**faults):
+        return syn.SyntheticSequence(scene, RIG, replace(CLEAN, **faults))
+
+    noisy = with_faults(noise=0.05)[0].left - clean.left
+    assert noisy[(clean.left > 0.2) & (clean.left < 0.8)].std() == pytest.approx(0.05, rel=0.1)
+    assert np.abs(np.diff(with_faults(blur=2)[0].left)).mean() < 0.6 * np.abs(np.diff(clean.left)).mean()
+    darker = with_faults(exposure=(0.0, -1.0, 0.0))
+    np.testing.assert_allclose(darker[1].left, clean.left / 2, atol=1e-6)
+    left_out = with_faults(dropped=(1,))
+    assert [pair.index for pair in left_out] == [0, 2]
+    assert left_out.stamps.tolist() == [0.0, 0.2]
+    assert with_faults(right_shift=(0.0, 4.0))[0].right[4:].tobytes() == clean.right[:-4].tobytes()
+    assert not np.array_equal(with_faults(right_turn=(0.01, 0, 0))[0].right, clean.right)
+    assert syn.SyntheticSequence(scene, RIG)[0].left.dtype == np.uint8
+
+
+def test_scenes_go_as_far_as_they_say_and_begin_at_the_origin():
+    for scene, length in ((syn.street(50), 50), (syn.corridor(20), 20)):
+        steps = np.linalg.norm(np.diff(scene.path[:, :3, 3], axis=0), axis=1)
+        assert steps.sum() == pytest.approx(length, rel=1e-3)
+        np.testing.assert_allclose(scene.path[0], np.eye(4), atol=1e-12)
+    loop = syn.room(frames=40, laps=1.5)
+    np.testing.assert_allclose(loop.path[40], loop.path[0], atol=1e-9)
+    ahead = np.diff(loop.path[:, :3, 3], axis=0)
+    looks = loop.path[:-1, :3, 2]
+    assert ((ahead * looks).sum(axis=1) > 0.98 * np.linalg.norm(ahead, axis=1)).all()
+    assert syn.street(50, seed=1).shapes[1].texture != syn.street(50).shapes[1].texture
+
+
+def test_a_camera_never_stands_inside_a_thing():
+    for scene in (syn.street(60), syn.corridor(30), syn.room(frames=40)):
+        sequence = syn.SyntheticSequence(scene, RIG, CLEAN)
+        assert min(np.nanmin(sequence.geometry(k).depth) for k in range(0, len(sequence), 5)) > 0.3
+
+
+BAD = {
+    "brightness, contrast, texel": lambda: syn.Texture(texel=0),
+    "a power of two": lambda: syn.Texture(image=np.zeros((3, 3))),
+    "floats from 0 to 1": lambda: syn.Texture(image=np.full((4, 4), 2.0)),
+    "faces name vertices": lambda: syn.Shape("s", np.eye(3), np.array([[0, 1, 3]])),
+    "expected \\(F, 3\\) integers": lambda: syn.Shape("s", np.eye(3), np.array([[0.0, 1.0, 2.0]])),
+    "vertices has shape": lambda: syn.Shape("s", np.full((3, 3), np.nan), np.array([[0, 1, 2]])),
+    "off a rigid motion": lambda: replace(syn.plane(1, 1), pose=np.diag([2.0, 1, 1, 1])),
+    "velocity": lambda: replace(syn.plane(1, 1), velocity=(np.inf, 0, 0)),
+    "one Shape or more": lambda: syn.Scene(()),
+    "one pose or more": lambda: syn.Scene((syn.plane(1, 1),), path=np.zeros((0, 4, 4))),
+    "pose 0 of the path": lambda: syn.Scene((syn.plane(1, 1),), path=np.zeros((1, 4, 4))),
+    "width is -1": lambda: syn.plane(-1, 1),
+    "less than the major": lambda: syn.torus(1, 1),
+    "rows is 2": lambda: syn.torus(1, 0.4, rows=2),
+    "noise, blur, exposure": lambda: syn.Faults(noise=-1),
+    "right_turn": lambda: syn.Faults(right_turn=(0, 0)),
+    "dropped frames": lambda: one(syn.plane(1, 1), faults=syn.Faults(dropped=(0,))),
+    "exposure has 2 values": lambda: one(syn.plane(1, 1), faults=syn.Faults(exposure=(0.0, 1.0))),
+    "rate is 0": lambda: syn.SyntheticSequence(syn.still(1), rate=0),
+    "street: length, step": lambda: syn.street(-3),
+    "corridor: length, step": lambda: syn.corridor(3, step=0),
+    "room: laps, frames": lambda: syn.room(laps=0),
+    "still: frames, depth": lambda: syn.still(0),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_input_gets_one_line(said):
+    with pytest.raises(InputError, match=said) as error:
+        BAD[said]()
+    assert "\n" not in str(error.value)
