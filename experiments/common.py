@@ -1,0 +1,142 @@
+"""What the scripts share: where frames come from, what a script gives back, the reference gradient, the look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import ListedColormap
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+import tspslam
+from tspslam.datasets import synthetic
+from tspslam.topology.texture import luminance as luminance
+
+SEEDS = (0, 1, 2, 3, 4)
+MAGNITUDE, PHASE = "viridis", ListedColormap(tspslam.view.phase_colours(256))
+WONG = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")  # told apart by every reader
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a script gives back: a picture, the rows behind it, the numbers that matter, and the paper's."""
+
+    figure: plt.Figure
+    table: Mapping[str, Sequence]
+    numbers: Mapping[str, float | int | str]
+    paper: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+class Source:
+    """Frames of a data folder; without one, of the Motorcycle pair and of synthetic scenes. `small` is for tests."""
+
+    def __init__(self, data: Path | None = None, *, small: bool = False) -> None:
+        self.data, self.small = data, small
+        self._frame = cache(lambda place: tspslam.Session(self._pairs[place].rig).process(self._pairs[place]))
+
+    def frames(self, count: int) -> list[tspslam.session.Frame]:
+        """`count` frames, evenly over the data; InputError where there are fewer."""
+        n = len(self._pairs)
+        if n < count:
+            raise tspslam.InputError(f"{self.data}: has {n} pairs, the figure needs {count}")
+        spread = np.arange(count) * n // count if self.data else range(count)
+        return [self._frame(int(place)) for place in spread]
+
+    def true_disparity(self, frame: tspslam.session.Frame) -> np.ndarray | None:
+        """(H, W) measured or rendered disparities of a frame's left image, px; None for a data folder."""
+        return None if self.data else self._pairs.truth(frame.pair.name)
+
+    @property
+    def _pairs(self) -> Sequence:
+        if not hasattr(self, "_opened"):
+            self._opened = tspslam.datasets.open_sequence(self.data) if self.data else Samples(self.small)
+        return self._opened
+
+
+class Samples:
+    """Motorcycle, a room, a corridor, a street; the room at a quarter of the size four times if `small`."""
+
+    def __init__(self, small: bool) -> None:
+        rig, faults = synthetic.PAPER_RIG, synthetic.Faults(noise=0.01)
+        half = replace(rig, fx=194, fy=194, cx=128, cy=98, width=256, height=192)
+        room = synthetic.SyntheticSequence(synthetic.room(frames=40), half if small else rig, faults)
+        others = [synthetic.SyntheticSequence(s(40), rig, faults) for s in (synthetic.corridor, synthetic.street)]
+        self._places = [(room, k) for k in (0, 10, 20, 30)] if small else [(s, 15) for s in (room, *others)]
+        self._real = [] if small else [tspslam.datasets.motorcycle()]
+
+    def __len__(self) -> int:
+        return 4
+
+    def __getitem__(self, place: int) -> tspslam.StereoPair:
+        if place < len(self._real):
+            return self._real[place]
+        sequence, k = self._places[place - len(self._real)]
+        return sequence[k]
+
+    def truth(self, name: str) -> np.ndarray:
+        for sequence, k in self._places:
+            if name == f"{sequence.name}_{k:06d}":
+                return sequence.geometry(k).disparity
+        return tspslam.datasets.motorcycle_truth()
+
+
+def reference_gradient(image: np.ndarray, uv: np.ndarray, complex_: tspslam.Complex) -> tuple[np.ndarray, np.ndarray]:
+    """Gaussian-derivative gradient at each vertex, as a complex number, luminance/px, and its scale, px."""
+    i, j = complex_.edges.T
+    length = np.linalg.norm(uv[i] - uv[j], axis=1)
+    degree = np.bincount(complex_.edges.ravel(), minlength=len(uv))
+    total = np.bincount(complex_.edges.ravel(), np.repeat(length, 2), minlength=len(uv))
+    sigma = total / np.maximum(degree, 1) / 2
+    levels = np.geomspace(*np.percentile(sigma[degree > 0], [2, 98]), 8)
+    nearest = np.abs(np.log(np.maximum(sigma, 1e-9))[:, None] - np.log(levels)).argmin(axis=1)
+    gradient = np.zeros(len(uv), complex)
+    for k, level in enumerate(levels):
+        across, down = (gaussian_filter(image, level, order=order, mode="nearest") for order in ((0, 1), (1, 0)))
+        at = uv[nearest == k].T[::-1]
+        gradient[nearest == k] = map_coordinates(across, at, order=1) + 1j * map_coordinates(down, at, order=1)
+    return gradient, levels[nearest]
+
+
+def degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """|arg a - arg b| in [0, 180], degrees."""
+    return np.degrees(np.abs(np.angle(a * np.conj(b))))
+
+
+def strongest(values: np.ndarray, ok: np.ndarray, share: float = 0.2) -> np.ndarray:
+    """Which of those that are `ok` have the largest values."""
+    return ok & (values >= np.quantile(values[ok], 1 - share))
+
+
+def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
+    """Median, least and largest over seeds; NaN where there is none."""
+    known = np.asarray(values, float)[np.isfinite(values)]
+    return (float(np.median(known)), float(known.min()), float(known.max())) if len(known) else (np.nan,) * 3
+
+
+def panels(rows: int = 1, columns: int = 1, height: float = 4.0) -> tuple[plt.Figure, np.ndarray]:
+    """A figure 11 inches wide with a grid of axes."""
+    return plt.subplots(rows, columns, figsize=(11, height), layout="constrained", squeeze=False)
+
+
+def over_image(ax: plt.Axes, image: np.ndarray, title: str) -> None:
+    """Show an image in pale grey, for marks to be drawn on, in px."""
+    ax.imshow(luminance(image), cmap="gray", vmin=-0.6, vmax=1.4)
+    ax.set(title=title, xlabel="u, px", ylabel="v, px")
+
+
+def show_response(figure: plt.Figure, axes: Sequence[plt.Axes], uv: np.ndarray, response, size: float = 9) -> None:
+    """Dots over two images: log10 magnitude and phase, where the response is defined."""
+    shown = response.defined & (response.magnitude > 0)
+    strength = np.log10(response.magnitude[shown])
+    low, high = np.percentile(strength, [2, 98])
+    for ax, values, look in (
+        (axes[0], strength, {"cmap": MAGNITUDE, "vmin": low, "vmax": high}),
+        (axes[1], response.phase[shown], {"cmap": PHASE, "vmin": -np.pi, "vmax": np.pi}),
+    ):
+        dots = ax.scatter(*uv[shown].T, c=values, s=size, **look)
+        label = "log₁₀ |r|, luminance" if ax is axes[0] else "arg r, rad, clockwise from u"
+        figure.colorbar(dots, ax=ax, shrink=0.85, label=label)
