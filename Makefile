@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 READY_DEV := $(VENV)/ready-dev
 
-.PHONY: demo test check bench docs clean
+.PHONY: demo test check bench paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
@@ -14,13 +14,16 @@ test: $(READY_DEV)  ## every check and every test
 	$(BIN)/python -m pytest -n 2
 
 check: $(READY_DEV)  ## format, lint, strict types, import arrows
-	$(BIN)/ruff format --check src tests benchmarks examples docs
-	$(BIN)/ruff check src tests benchmarks examples docs
+	$(BIN)/ruff format --check src tests benchmarks examples experiments docs
+	$(BIN)/ruff check src tests benchmarks examples experiments docs
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q tests/test_house.py
 
 bench: $(READY_DEV)  ## figures against named references, beside the committed baseline
 	$(BIN)/python -m benchmarks
+
+paper: $(READY_DEV)  ## every figure and table of the paper; DATA=FOLDER for frames of your own
+	$(BIN)/python -m experiments $(if $(DATA),--data '$(DATA)',--docs docs)
 
 docs: $(READY_DEV)
 	$(BIN)/python -m sphinx -W -b html docs docs/_build/html

@@ -1,1 +1,1 @@
-"""The paper, reproduced and answered: one small script for each figure and table, and for each question it leaves open."""
+"""The paper, reproduced and answered: a small script for each figure, each table and each question left open."""

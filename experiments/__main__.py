@@ -24,9 +24,10 @@ from .common import Source
 from .page import write_page
 
 NAMES = (
-    "fig02_toy_complex", "fig04_keypoints", "fig05_cloud_and_surface", "fig06_edges_and_faces", "fig07_heat_and_hops",
-    "fig08_angles", "fig09_10_responses", "fig11_12_tori", "table2_time", "answer_a_what_it_sees", "answer_b_bad_meshes",
-    "answer_c_hops_or_heat", "answer_d_edges_and_faces", "answer_e_scale",
+    "fig02_toy_complex", "fig04_keypoints", "fig05_cloud_and_surface", "fig06_edges_and_faces",
+    "fig07_heat_and_hops", "fig08_angles", "fig09_10_responses", "fig11_12_tori",
+    "table2_time", "answer_a_what_it_sees", "answer_b_bad_meshes", "answer_c_hops_or_heat",
+    "answer_d_edges_and_faces", "answer_e_scale",
 )  # fmt: skip
 
 

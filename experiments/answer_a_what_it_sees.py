@@ -1,11 +1,20 @@
-"""What does the filter see? Four centrings on a constant image, on ramps, and on a real image beside its gradient."""
+"""What does the filter see? Four centrings on a constant image, on ramps, and on a real image beside its gradient.
+
+The published sum answers to a constant image as strongly as to the real one: its magnitude is mostly that of an
+uneven neighbourhood. On a ramp its phase is as good as drawn by lot (the median of a random phase is 90°), also for
+the strongest fifth. Beside the image's own gradient its phase is off by some 54°, and its magnitudes hardly rank as
+the gradient's do. With any centring the constant gives 0, the phase error is about halved, to 26° to 33°, and the
+ranks agree at 0.63. `plane` is exact on ramps and no better on images, for luminance is no ramp over a neighbourhood;
+`harmonic`, our default, is the best of all vertices.
+"""
 
 import numpy as np
 from scipy.stats import spearmanr
 
 import tspslam
 
-from .common import WONG, Result, Source, degrees_between, luminance, panels, reference_gradient, strongest
+from .common import Result, Source, degrees_between, reference_gradient, strongest
+from .look import WONG, luminance, panels
 
 TITLE = "Answer a: what does the filter see?"
 CENTRINGS = ("none", "mean", "harmonic", "plane")
@@ -53,14 +62,17 @@ def run(source: Source) -> Result:
     rows = {c: measure(frame, c, 8 if source.small else 36) for c in CENTRINGS}
     figure, axes = panels(1, 4, 3.6)
     shown = (
-        ("constant / real", "|r| of a constant / of the image"), ("ramps, {}: median, degrees", "phase error on ramps, degrees"),
-        ("image, {}: median, degrees", "phase off the gradient, degrees"), ("image, {}: rank correlation", "rank correlation of |r|"),
+        ("constant / real", "|r| of a constant / of the image"),
+        ("ramps, {}: median, degrees", "phase error on ramps, degrees"),
+        ("image, {}: median, degrees", "phase off the gradient, degrees"),
+        ("image, {}: rank correlation", "rank correlation of |r|"),
     )  # fmt: skip
     for ax, (key, label) in zip(axes[0], shown, strict=True):
         for k, who in enumerate(("all", "strongest fifth") if "{}" in key else ("all",)):
             place = np.arange(4) + 0.4 * k
             ax.bar(place, [rows[c][key.format(who)] for c in CENTRINGS], 0.38, color=WONG[k], label=who)
-        ax.set(ylabel=label, xticks=np.arange(4) + 0.2, xticklabels=CENTRINGS)
+        ax.set(ylabel=label, xticks=np.arange(4) + 0.2)
+        ax.set_xticklabels(CENTRINGS, rotation=30)
     axes[0, 1].legend()
     table = {"centering": list(rows), **{key: [row[key] for row in rows.values()] for key in rows["none"]}}
     return Result(figure, table, {f"{c}: {key}": value for c, row in rows.items() for key, value in row.items()})

@@ -1,4 +1,11 @@
-"""Is the hop indicator a good stand-in for heat? The indicator and a fitted g(d), each beside MAHF."""
+"""Is the hop indicator a good stand-in for heat? The indicator and a fitted g(d), each beside MAHF.
+
+On vertices alone, so that only the weights differ, the indicator's phase is 27° off the graph MAHF's in the median,
+18° for the strongest fifth, and magnitudes rank alike at 0.45. The fitted g over several rings comes nearer here (22°,
+16°, 0.56) and on a street of KITTI, and not in a room of EuRoC (last table). It is a rough stand-in. Against the
+conformal MAHF, whose weights follow the shapes of the faces, hops are worse, and g is no better than the indicator.
+With edges and faces the sum is of other things, and the distance grows.
+"""
 
 from dataclasses import replace
 
@@ -7,8 +14,9 @@ from scipy.stats import spearmanr
 
 import tspslam
 
-from .common import WONG, Result, Source, degrees_between, panels, strongest
+from .common import Result, Source, columns, degrees_between, strongest
 from .fig07_heat_and_hops import fit, pairs
+from .look import bars, panels
 
 TITLE = "Answer c: is the hop indicator a good stand-in for heat?"
 KERNELS = ("graph", "conformal", "robust")
@@ -17,11 +25,7 @@ KERNELS = ("graph", "conformal", "robust")
 def decaying(b: float):
     """g(d) = exp(-b d), cut off where it falls below 1e-3."""
 
-    def g(d: np.ndarray) -> np.ndarray:
-        value = np.exp(-b * np.asarray(d, float))
-        return np.where(value < 1e-3, 0.0, value)
-
-    return g
+    return lambda d: np.where(b * np.asarray(d) > np.log(1e3), 0.0, np.exp(-b * np.asarray(d, float)))
 
 
 def variants(frame, b: float) -> dict[str, tspslam.Response]:
@@ -60,21 +64,14 @@ def run(source: Source) -> Result:
         (axes[0, 0], "rank correlation, {}", "rank correlation with |MAHF|"),
         (axes[0, 1], "phase, {}, degrees", "median phase difference, degrees"),
     ):
-        for k, (kernel, who) in enumerate(
-            (kernel, who) for kernel in dict.fromkeys(k for k, _ in rows) for who in ("all", "strongest fifth")
-        ):
-            values = [rows[kernel, name][what.format(who)] for name in names]
-            ax.bar(np.arange(len(names)) + 0.14 * k, values, 0.13, color=WONG[k], label=f"MAHF {kernel}, {who}")
-        ax.set(ylabel=label, xticks=np.arange(len(names)) + 0.3)
-        ax.set_xticklabels([name.replace(", ", "\n") for name in names])
-    axes[0, 1].legend(fontsize=8)
-    keys = list(next(iter(rows.values())))
-    table = {
-        "MAHF": [k for k, _ in rows],
-        "T-MAHF": [name for _, name in rows],
-        **{key: [row[key] for row in rows.values()] for key in keys},
-    }
-    numbers = {"b": b, "R² of the fit": R2} | {
-        f"{kernel} / {name}: {key}": value for (kernel, name), row in rows.items() for key, value in row.items()
-    }
-    return Result(figure, table, numbers)
+        series = {
+            f"MAHF {kernel}, {who}": [rows[kernel, name][what.format(who)] for name in names]
+            for kernel in dict.fromkeys(kernel for kernel, _ in rows)
+            for who in ("all", "strongest fifth")
+        }
+        bars(ax, [name.replace(", ", "\n") for name in names], series)
+        ax.set_ylabel(label)
+    figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8)
+    table = columns(("MAHF", "T-MAHF", *rows["graph", names[0]]), [(*key, *row.values()) for key, row in rows.items()])
+    told = {f"{n}: {what}": v for (k, n), row in rows.items() for what, v in row.items() if k == "graph"}
+    return Result(figure, table, {"b": b, "R² of the fit": R2} | told)

@@ -1,4 +1,10 @@
-"""What do edges and faces add? The filter on vertices, with edges, with faces, under noise from 0 to 40 dB."""
+"""What do edges and faces add? The filter on vertices, with edges, with faces, under noise from 0 to 40 dB.
+
+A great deal, and not only under noise. Beside the gradient of the clean image the phase from vertices alone is off by
+46° without any noise, with edges by 28°, with faces by 26°: a vertex is one pixel, an edge and a face are means over
+many. Between the left and the right image of the same points, the three differ by little without noise (3°), and by
+half at 0 dB. Most of it comes with the edges.
+"""
 
 from dataclasses import replace
 
@@ -6,21 +12,12 @@ import numpy as np
 
 import tspslam
 
-from .common import (
-    SEEDS,
-    WONG,
-    Result,
-    Source,
-    degrees_between,
-    luminance,
-    median_and_range,
-    panels,
-    reference_gradient,
-    strongest,
-)
+from .common import SEEDS, Result, Source, columns, degrees_between, median_and_range, reference_gradient, strongest
+from .look import curves, luminance, panels
 
 TITLE = "Answer d: what do edges and faces add?"
 DECIBELS = (0, 10, 20, 30, 40, np.inf)
+MEASURES = ("phase error", "left to right, all", "left to right, strongest fifth")
 LEVELS = {"vertices": (False, False), "+ edges": (True, False), "+ faces": (True, True)}
 
 
@@ -57,29 +54,18 @@ def measure(frame, decibels: float, seed: int) -> dict[str, tuple[float, float, 
 
 def run(source: Source) -> Result:
     frame, seeds = source.frames(1)[0], SEEDS[:2] if source.small else SEEDS
-    measures = ("phase error", "left to right, all", "left to right, strongest fifth")
-    table = {key: [] for key in ("snr_db", "levels", "measure", "median_deg", "low_deg", "high_deg")}
+    rows = []
     for decibels in DECIBELS:
         found = [measure(frame, decibels, seed) for seed in seeds]
         for name in LEVELS:
-            for k, what in enumerate(measures):
-                row = (decibels, name, what, *median_and_range([one[name][k] for one in found]))
-                for key, value in zip(table, row, strict=True):
-                    table[key].append(value)
-    columns = {key: np.array(column) for key, column in table.items()}
+            for k, what in enumerate(MEASURES):
+                rows.append((decibels, name, what, *median_and_range([one[name][k] for one in found])))
     figure, axes = panels(1, 3, 3.8)
-    for ax, what in zip(axes[0], measures, strict=True):
-        for colour, name, marker in zip(WONG, LEVELS, "osv", strict=False):
-            of = (columns["levels"] == name) & (columns["measure"] == what)
-            ax.plot(range(6), columns["median_deg"][of], marker=marker, color=colour, label=name)
-            ax.fill_between(range(6), columns["low_deg"][of], columns["high_deg"][of], color=colour, alpha=0.2)
-        ax.set(
-            title=what, xlabel="signal-to-noise ratio, dB", ylabel="median, degrees", xticks=range(6), ylim=(0, None)
-        )
-        ax.set_xticklabels([*map(str, DECIBELS[:-1]), "none"])
+    for ax, what in zip(axes[0], MEASURES, strict=True):
+        curves(ax, range(6), {name: [row[3:] for row in rows if row[1:3] == (name, what)] for name in LEVELS})
+        ax.set(title=what, xlabel="signal-to-noise ratio, dB", ylabel="median, degrees", ylim=(0, None))
+        ax.set_xticks(range(6), [*map(str, DECIBELS[:-1]), "none"])
     axes[0, 0].legend()
-    rows = zip(table["snr_db"], table["levels"], table["measure"], table["median_deg"], strict=True)
-    numbers = {
-        f"{snr} dB, {name}: {what}, degrees": value for snr, name, what, value in rows if snr in (10, 30, np.inf)
-    }
-    return Result(figure, table, numbers)
+    said = {10: "10 dB", np.inf: "no noise"}
+    numbers = {f"{said[row[0]]}, {row[1]}: {row[2]}, degrees": row[3] for row in rows if row[0] in said}
+    return Result(figure, columns(("snr_db", "levels", "measure", "median_deg", "low_deg", "high_deg"), rows), numbers)

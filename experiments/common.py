@@ -1,4 +1,4 @@
-"""What the scripts share: where frames come from, what a script gives back, the reference gradient, the look."""
+"""What the scripts share: where frames come from, what a script gives back, the reference gradient."""
 
 from __future__ import annotations
 
@@ -7,25 +7,21 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 import tspslam
 from tspslam.datasets import synthetic
-from tspslam.topology.texture import luminance as luminance
 
 SEEDS = (0, 1, 2, 3, 4)
-MAGNITUDE, PHASE = "viridis", ListedColormap(tspslam.view.phase_colours(256))
-WONG = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")  # told apart by every reader
 
 
 @dataclass(frozen=True)
 class Result:
     """What a script gives back: a picture, the rows behind it, the numbers that matter, and the paper's."""
 
-    figure: plt.Figure
+    figure: Figure
     table: Mapping[str, Sequence]
     numbers: Mapping[str, float | int | str]
     paper: Mapping[str, float | int | str] = field(default_factory=dict)
@@ -58,14 +54,16 @@ class Source:
 
 
 class Samples:
-    """Motorcycle, a room, a corridor, a street; the room at a quarter of the size four times if `small`."""
+    """Motorcycle, a street, a room, a corridor; the room at a quarter of the size four times if `small`."""
 
     def __init__(self, small: bool) -> None:
         rig, faults = synthetic.PAPER_RIG, synthetic.Faults(noise=0.01)
         half = replace(rig, fx=194, fy=194, cx=128, cy=98, width=256, height=192)
         room = synthetic.SyntheticSequence(synthetic.room(frames=40), half if small else rig, faults)
-        others = [synthetic.SyntheticSequence(s(40), rig, faults) for s in (synthetic.corridor, synthetic.street)]
-        self._places = [(room, k) for k in (0, 10, 20, 30)] if small else [(s, 15) for s in (room, *others)]
+        others = [synthetic.SyntheticSequence(s(40), rig, faults) for s in (synthetic.street, synthetic.corridor)]
+        self._places = (
+            [(room, k) for k in (0, 10, 20, 30)] if small else [(s, 15) for s in (others[0], room, others[1])]
+        )
         self._real = [] if small else [tspslam.datasets.motorcycle()]
 
     def __len__(self) -> int:
@@ -117,26 +115,6 @@ def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
     return (float(np.median(known)), float(known.min()), float(known.max())) if len(known) else (np.nan,) * 3
 
 
-def panels(rows: int = 1, columns: int = 1, height: float = 4.0) -> tuple[plt.Figure, np.ndarray]:
-    """A figure 11 inches wide with a grid of axes."""
-    return plt.subplots(rows, columns, figsize=(11, height), layout="constrained", squeeze=False)
-
-
-def over_image(ax: plt.Axes, image: np.ndarray, title: str) -> None:
-    """Show an image in pale grey, for marks to be drawn on, in px."""
-    ax.imshow(luminance(image), cmap="gray", vmin=-0.6, vmax=1.4)
-    ax.set(title=title, xlabel="u, px", ylabel="v, px")
-
-
-def show_response(figure: plt.Figure, axes: Sequence[plt.Axes], uv: np.ndarray, response, size: float = 9) -> None:
-    """Dots over two images: log10 magnitude and phase, where the response is defined."""
-    shown = response.defined & (response.magnitude > 0)
-    strength = np.log10(response.magnitude[shown])
-    low, high = np.percentile(strength, [2, 98])
-    for ax, values, look in (
-        (axes[0], strength, {"cmap": MAGNITUDE, "vmin": low, "vmax": high}),
-        (axes[1], response.phase[shown], {"cmap": PHASE, "vmin": -np.pi, "vmax": np.pi}),
-    ):
-        dots = ax.scatter(*uv[shown].T, c=values, s=size, **look)
-        label = "log₁₀ |r|, luminance" if ax is axes[0] else "arg r, rad, clockwise from u"
-        figure.colorbar(dots, ax=ax, shrink=0.85, label=label)
+def columns(names: Sequence[str], rows: Sequence[Sequence]) -> dict[str, list]:
+    """Rows as the columns of a table."""
+    return {name: [row[k] for row in rows] for k, name in enumerate(names)}

@@ -1,8 +1,10 @@
-"""The published filter on two frames: log magnitude and phase; insets where the phase follows a visible edge.
+"""The filter on two frames: log magnitude and phase as published, and an inset at a strong edge.
 
-As in the paper, `centering="none"`. The phase is plotted as it is, on a cyclic map (the paper's caption says logarithmic).
-An inset shows the place of the frame with the strongest response among those where a dozen neighbours have one; its arrows
-point along the phase: towards the brighter side, for a strong response.
+Magnitude and phase are of the published sum, `centering="none"`; the phase is plotted as it is, on a cyclic map (the
+paper's caption says logarithmic). The inset is where responses are strongest, and the stronger ones have arrows:
+coloured ones are the phase with `centering="harmonic"`, grey ones the published phase. The former point across the
+visible edges to the brighter side; the latter often point to where neighbours are many, edge or no edge: answer a says
+how often.
 """
 
 import numpy as np
@@ -10,54 +12,44 @@ from scipy.spatial import cKDTree
 
 import tspslam
 
-from .common import (
-    PHASE,
-    Result,
-    Source,
-    degrees_between,
-    luminance,
-    over_image,
-    panels,
-    reference_gradient,
-    show_response,
-    strongest,
-)
+from .common import Result, Source, degrees_between, reference_gradient, strongest
+from .look import PHASE, luminance, over_image, panels, show_response
 
 TITLE = "Figures 9 and 10: magnitude and phase on two frames"
 
 
 def run(source: Source) -> Result:
     frames = source.frames(2)
-    figure, axes = panels(2, 3, 7.2)
+    figure, axes = panels(3, 2, 11)
     numbers, table = {}, {key: [] for key in ("frame", "u_px", "v_px", "magnitude", "phase_rad")}
-    for row, frame in zip(axes, frames, strict=True):
+    for column, frame in zip(axes.T, frames, strict=True):
         uv, name = frame.cloud.uv, frame.pair.name
-        response = tspslam.tmahf(frame.complex_, uv, frame.signals, centering="none")
-        for ax, title in zip(row, (f"{name}: magnitude", "phase", "inset"), strict=True):
+        response, centred = (
+            tspslam.tmahf(frame.complex_, uv, frame.signals, centering=c) for c in ("none", "harmonic")
+        )
+        for ax, title in zip(column, (f"{name}: magnitude", "phase", "inset"), strict=True):
             over_image(ax, frame.pair.left, title)
-        show_response(figure, row, uv, response)
-        inset(row[2], uv, response, 0.09 * frame.rig.width)
-        top = strongest(response.magnitude, response.defined)
+        show_response(figure, column, uv, response)
+        inset(column[2], uv, response, centred, 0.09 * frame.rig.width)
         gradient, _ = reference_gradient(luminance(frame.pair.left), uv, frame.complex_)
-        error = degrees_between(response.z, gradient)
-        numbers[f"{name}: points with a response"] = int(response.defined.sum())
-        numbers[f"{name}: phase off the image's gradient, degrees, all"] = np.median(error[response.defined])
-        numbers[f"{name}: the same, strongest fifth"] = np.median(error[top])
+        for what, one in (("published", response), ("harmonic", centred)):
+            error, top = degrees_between(one.z, gradient), strongest(one.magnitude, one.defined)
+            numbers[f"{name}, {what}: phase off the image's gradient, degrees, all"] = np.median(error[one.defined])
+            numbers[f"{name}, {what}: the same, strongest fifth"] = np.median(error[top])
         shown = response.defined
-        columns = ([name] * shown.sum(), *uv[shown].T, response.magnitude[shown], response.phase[shown])
-        for key, column in zip(table, columns, strict=True):
-            table[key].extend(column)
+        rows = ([name] * shown.sum(), *uv[shown].T, response.magnitude[shown], response.phase[shown])
+        for key, values in zip(table, rows, strict=True):
+            table[key].extend(values)
     return Result(figure, table, numbers)
 
 
-def inset(ax, uv: np.ndarray, response: tspslam.Response, half: float) -> None:
-    """Zoom to the place whose dozen nearest points respond most, with arrows along the phase."""
-    at, strength = uv[response.defined], response.magnitude[response.defined]
-    near = cKDTree(at).query(at, k=min(12, len(at)))[1]
-    u, v = at[strength[near].mean(axis=1).argmax()]
-    phase = response.phase[response.defined]
-    ax.quiver(
-        *at.T, np.cos(phase), np.sin(phase), phase, cmap=PHASE, clim=(-np.pi, np.pi), angles="xy", scale=14, width=0.012,
-        edgecolors="k", lw=0.4,
-    )  # fmt: skip
+def inset(ax, uv: np.ndarray, response: tspslam.Response, centred: tspslam.Response, half: float) -> None:
+    """Zoom to the place whose nearest points respond most, with arrows along both phases."""
+    ok = response.defined & strongest(centred.magnitude, centred.defined, 0.4)
+    near = cKDTree(uv[ok]).query(uv[ok], k=min(8, ok.sum()))[1]
+    u, v = uv[ok][centred.magnitude[ok][near].mean(axis=1).argmax()]
+    look = {"angles": "xy", "scale": 14, "width": 0.009, "edgecolors": "k", "lw": 0.4}
+    for one, colours in ((response, {"color": "0.75"}), (centred, {"cmap": PHASE, "clim": (-np.pi, np.pi)})):
+        phase = one.phase[ok]
+        ax.quiver(*uv[ok].T, np.cos(phase), np.sin(phase), *([phase] if one is centred else []), **colours, **look)
     ax.set(xlim=(u - half, u + half), ylim=(v + 0.75 * half, v - 0.75 * half))

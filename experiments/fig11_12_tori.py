@@ -1,7 +1,9 @@
 """Two tori seen by the paper's rig: signal, magnitude and phase of the published filter on what the left camera sees.
 
-The pair is ray cast; hidden vertices and their faces are taken away by a depth buffer. Before that, Crust is run on each torus: it
-must give 2N faces and Euler characteristic 0.
+The pair is ray cast; hidden vertices and their faces are taken away by a depth buffer. Before that, Crust is run on
+the whole torus and gives exactly 2N faces with Euler characteristic 0. The texture is ours (the paper does not
+describe its own), so levels cannot be compared. With the regular grid the published phase is smooth along the
+silhouette, where neighbours lie on one side only: there it sees the shape of the neighbourhood, not the luminance.
 """
 
 import numpy as np
@@ -9,7 +11,8 @@ import numpy as np
 import tspslam
 from tspslam.datasets import synthetic
 
-from .common import Result, Source, panels, show_response
+from .common import Result, Source
+from .look import panels, show_response
 
 TITLE = "Figures 11 and 12: tori of 1 000 and 20 000 points"
 SIZES, SMALL = {1000: (25, 40), 20_000: (100, 200)}, {400: (16, 25), 1000: (25, 40)}

@@ -1,13 +1,27 @@
-"""Where pairs come from: the sample that ships with scikit-image, folders of files, worlds with a known truth."""
+"""Where pairs come from: a sample, folders in known layouts, depth maps, worlds with a known truth."""
 
 from . import synthetic as synthetic
+from .euroc import EurocSequence as EurocSequence
 from .folder import StereoFolder as StereoFolder
 from .folder import pair_from_files as pair_from_files
+from .kitti import KittiSequence as KittiSequence
+from .layouts import open_sequence as open_sequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
+from .utias import UtiasRun as UtiasRun
 
 __all__ = [
-    "StereoFolder", "motorcycle", "motorcycle_truth", "pair_from_files", "pair_from_map", "read_map", "synthetic",
-]  # fmt: skip
+    "EurocSequence",
+    "KittiSequence",
+    "StereoFolder",
+    "UtiasRun",
+    "motorcycle",
+    "motorcycle_truth",
+    "open_sequence",
+    "pair_from_files",
+    "pair_from_map",
+    "read_map",
+    "synthetic",
+]

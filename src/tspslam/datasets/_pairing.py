@@ -1,0 +1,251 @@
+"""What the readers of data sets share: tables of text, stamps, pairs of image files, poses at times."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .._files import bad_input, one_line, read_bytes
+from ..errors import InputError
+from ..io.images import image_size
+from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
+from .folder import _SUFFIXES, _natural, _Reader
+
+NANOSECONDS = 10**9
+_LARGEST_TEXT = 1 << 28  # bytes
+_SHORTEST, _LONGEST = 1e-3, 60.0  # s between frames, in the median
+_REACH = 0.1  # s from a frame to the poses on both sides of it
+_ROTATION = 1e-3
+_WHOLE = re.compile(r"[0-9]{1,19}")
+Row = tuple[int, list[str]]
+"""Number of a line, from 1, and its words."""
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Image files of the frames in the order of time, their stamps (s), and the files that are in no frame."""
+
+    files: list[tuple[Path, Path]]
+    stamps: FloatArray
+    unpaired: list[str]
+
+
+class Frames:
+    """Pairs read from files when they are asked for."""
+
+    def __init__(self, paired: Paired, cameras: Rig | RawRig) -> None:
+        self.files, self.stamps = paired.files, paired.stamps
+        self._reader = _Reader(cameras)
+        self.rig: Rig = self._reader.rig
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether pairs are rectified as they are read."""
+        return self._reader._rectify is not None
+
+    @property
+    def R_left(self) -> FloatArray:
+        """Rotates a point of the left camera's frame, as it was calibrated, into its rectified frame, (3, 3)."""
+        made = self._reader._rectify
+        return np.eye(3) if made is None else made.R_left
+
+    def read(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end."""
+        index = range(len(self.files))[index]
+        return replace(self._reader.read(*self.files[index], index), stamp=float(self.stamps[index]))
+
+
+def name_of(folder: Path) -> str:
+    """Return the folder's own name."""
+    return one_line(folder.resolve().name)
+
+
+def table(path: Path, expected: str, separator: str | None = None, counts: Sequence[int] = ()) -> list[Row]:
+    """Return the lines of a text file as words; blank lines and those that begin with # are passed over.
+
+    Each line has as many words as one of `counts`, if there are any.
+    """
+    try:
+        lines = read_bytes(path, expected, _LARGEST_TEXT).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise bad_input(path, f"is no text ({error.reason} at byte {error.start})", expected) from error
+    said = ((k, line.strip()) for k, line in enumerate(lines, 1))
+    rows = [(k, [word.strip() for word in line.split(separator)]) for k, line in said if line and line[0] != "#"]
+    for number, words in rows:
+        if counts and len(words) not in counts:
+            raise bad_input(path, f"line {number} has {len(words)} values", expected)
+    if not rows:
+        raise bad_input(path, "has no line of values", expected)
+    return rows
+
+
+def numbers(path: Path, row: Row, words: Sequence[str], expected: str) -> list[float]:
+    """Return words of a row as finite numbers."""
+    try:
+        values = [float(word) for word in words]
+    except ValueError as error:
+        raise bad_input(path, f"line {row[0]} has {' '.join(words)[:60]!r}", expected) from error
+    if not np.isfinite(values).all():
+        raise bad_input(path, f"line {row[0]} has a value that is not finite", expected)
+    return values
+
+
+def whole(path: Path, row: Row, word: str, expected: str) -> int:
+    """Return a word of a row as a whole number, not negative."""
+    if not _WHOLE.fullmatch(word):
+        raise bad_input(path, f"line {row[0]} has {word[:40]!r}", expected)
+    return int(word)
+
+
+def seconds(nanoseconds: Sequence[int]) -> FloatArray:
+    """Return whole nanoseconds as seconds, each rounded once."""
+    return np.array([each / NANOSECONDS for each in nanoseconds], np.float64)
+
+
+def check_stamps(path: Path, stamps: FloatArray, unit: str) -> None:
+    """Refuse stamps (s) that do not increase, or whose distances no camera has: they are in another unit."""
+    steps = np.diff(stamps)
+    if not len(steps):
+        return
+    if steps.min() <= 0:
+        k = int(np.argmax(steps <= 0))
+        said = f"stamp {k + 2} is {stamps[k + 1]:.9f} s, that before it {stamps[k]:.9f} s"
+        raise bad_input(path, said, f"stamps in {unit} that increase")
+    middle = float(np.median(steps))
+    if not _SHORTEST <= middle <= _LONGEST:
+        said = f"stamps, read as {unit}, are {middle:.3g} s apart in the median"
+        raise bad_input(path, said, f"{unit}, {_SHORTEST:g} to {_LONGEST:g} s apart")
+
+
+def images_in(folder: Path) -> dict[str, Path]:
+    """Image files of a folder by name, in natural order; hidden files and other kinds are passed over."""
+    try:
+        files = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.name[0] != "."]
+    except OSError as error:
+        raise bad_input(folder, "is missing", "a folder of images") from error
+    return {file.name: file for file in sorted(files, key=lambda file: _natural(file.name))}
+
+
+def numbered(folder: Path) -> dict[int, Path]:
+    """Image files of a folder whose names are whole numbers, by number, in ascending order."""
+    found: dict[int, Path] = {}
+    for file in images_in(folder).values():
+        if not _WHOLE.fullmatch(file.stem):
+            raise bad_input(file, "has a name that is no number", "one such as 000000.png")
+        if int(file.stem) in found:
+            raise bad_input(file, f"has the number of {found[int(file.stem)].name}", "a file for each number")
+        found[int(file.stem)] = file
+    return dict(sorted(found.items()))
+
+
+def size_of_first(files: Sequence[tuple[Path, Path]]) -> tuple[int, int]:
+    """Size of the first left image that has one; if none has, the `InputError` of the first."""
+    for left, _ in files:
+        try:
+            return image_size(left)
+        except InputError:
+            continue
+    return image_size(files[0][0])
+
+
+def pair_by_number(
+    left: Mapping[int, Path], right: Mapping[int, Path], stamps: Mapping[int, float], labels: tuple[str, str]
+) -> Paired:
+    """Pair images of one number that has a stamp. `labels` are the sides' names among the unpaired."""
+    both = [number for number in left if number in right and number in stamps]
+    sides = zip(labels, (left, right), strict=True)
+    lone = [f"{label}/{file.name}" for label, side in sides for number, file in side.items() if number not in both]
+    times = np.array([stamps[number] for number in both], np.float64)
+    return Paired([(left[number], right[number]) for number in both], times, lone)
+
+
+def pair_by_stamp(left: Mapping[int, Path], right: Mapping[int, Path], labels: tuple[str, str]) -> Paired:
+    """Pair images by their stamps (ns): those that are nearest to each other and within a quarter of an interval.
+
+    A frame has the stamp of its left image. The interval is the median one of the left images; a single image pairs
+    with one of its very stamp.
+    """
+    times = [np.sort(np.array(list(side), np.int64)) for side in (left, right)]
+    matched = _mutually_nearest(*times)
+    frames = {int(times[0][i]): int(times[1][j]) for i, j in matched}
+    taken = set(frames), set(frames.values())
+    lone = [
+        f"{label}/{side[int(t)].name}"
+        for label, side, own, used in zip(labels, (left, right), times, taken, strict=True)
+        for t in own
+        if int(t) not in used
+    ]
+    return Paired([(left[one], right[other]) for one, other in frames.items()], seconds(list(frames)), lone)
+
+
+def _mutually_nearest(left: IntArray, right: IntArray) -> list[tuple[int, int]]:
+    if not (len(left) and len(right)):
+        return []
+    tolerance = float(np.median(np.diff(left))) / 4 if len(left) > 1 else 0.0
+    forth, back = _nearest(left, right), _nearest(right, left)
+    near = (back[forth] == np.arange(len(left))) & (np.abs(right[forth] - left) <= tolerance)
+    return [(int(i), int(forth[i])) for i in np.flatnonzero(near)]
+
+
+def _nearest(of: IntArray, among: IntArray) -> IntArray:
+    """Index of the nearest in a sorted array, the earlier one of two that are as near."""
+    after = np.clip(np.searchsorted(among, of), 0, len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(np.abs(of - among[before]) <= np.abs(among[after] - of), before, after)
+
+
+def some(paired: Paired, path: Path, expected: str) -> Paired:
+    """Return the frames if there are any."""
+    if not paired.files:
+        raise bad_input(path, f"has no pair of images ({len(paired.unpaired)} without partner or stamp)", expected)
+    return paired
+
+
+def rigid(path: Path, T: FloatArray) -> FloatArray:
+    """Return (n, 3, 4) or (n, 4, 4) motions as (n, 4, 4), with rotations made exact that are ones to 1e-3."""
+    R = T[:, :3, :3]
+    off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    bad = np.flatnonzero((off > _ROTATION) | (np.linalg.det(R) < 0))
+    if bad.size:
+        raise bad_input(path, f"pose {bad[0] + 1} holds no rotation (R Rᵀ - I has {off[bad[0]]:.2g})", "one to 1e-3")
+    U, _, Vt = np.linalg.svd(R)
+    return motions(U @ Vt, T[:, :3, 3])
+
+
+def motions(R: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the (n, 4, 4) matrices of ``x -> R x + t``."""
+    T = np.tile(np.eye(4), (len(R), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = R, t
+    return T
+
+
+def motion(R: FloatArray, t: Sequence[float] | FloatArray = (0.0, 0.0, 0.0)) -> FloatArray:
+    """Return the (4, 4) matrix of ``x -> R x + t``."""
+    return motions(R[None], np.asarray(t, np.float64)[None])[0]
+
+
+def poses_at(stamps: FloatArray, known: FloatArray, T: FloatArray) -> FloatArray:
+    """Poses (n, 4, 4) at stamps from those at known times: position linear, rotation along the shortest arc.
+
+    NaN where there is no known pose at most 0.1 s before and none at most 0.1 s after.
+    """
+    from scipy.spatial.transform import Rotation
+
+    after, before = np.searchsorted(known, stamps), np.searchsorted(known, stamps, side="right") - 1
+    inside = np.flatnonzero((before >= 0) & (after < len(known)))
+    gaps = np.stack([stamps[inside] - known[before[inside]], known[after[inside]] - stamps[inside]])
+    inside = inside[(gaps <= _REACH).all(axis=0)]
+    found = np.full((len(stamps), 4, 4), np.nan)
+    if not inside.size:
+        return found
+    one, other = before[inside], after[inside]
+    part = ((stamps[inside] - known[one]) / np.where(one == other, 1.0, known[other] - known[one]))[:, None]
+    start = Rotation.from_matrix(T[one, :3, :3])
+    turn = (start.inv() * Rotation.from_matrix(T[other, :3, :3])).as_rotvec()
+    R = (start * Rotation.from_rotvec(part * turn)).as_matrix()
+    found[inside] = motions(R, (1 - part) * T[one, :3, 3] + part * T[other, :3, 3])
+    return found

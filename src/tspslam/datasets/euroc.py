@@ -1,0 +1,159 @@
+"""Recordings in the ASL layout, as EuRoC's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from .._files import PathLike
+from ..errors import InputError
+from ..types import FloatArray, Rig, StereoPair
+from ..vision.formats import read_calibration
+from ..vision.formats._opencv_yaml import read_mapping
+from ..vision.formats._pose import inverse, pose
+from ..vision.formats._source import Source
+from ._pairing import (
+    Frames,
+    check_stamps,
+    images_in,
+    motion,
+    motions,
+    name_of,
+    numbers,
+    pair_by_stamp,
+    poses_at,
+    seconds,
+    size_of_first,
+    some,
+    table,
+    whole,
+)
+
+_CAMERAS = ("cam0", "cam1")
+_TRUTHS = ("state_groundtruth_estimate0", "vicon0")
+_LISTED = "a line for each image: its stamp in nanoseconds, a comma, its file name"
+_POSES = "lines of a stamp in nanoseconds, a position (m) and a quaternion with w first, separated by commas"
+_UNIT = 1e-2  # of a quaternion's norm
+
+
+class EurocSequence:
+    """A recording in the ASL layout: two cameras below `mav0/`, with stamps; raw pairs are rectified.
+
+    Left and right images are paired by stamp: the same one, else the nearest to each other within a quarter of the
+    median interval between left images.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder with `mav0/`, or `mav0` itself. Of `cam0` and `cam1` it needs `data/`, `data.csv` and
+        `sensor.yaml`.
+
+    Attributes
+    ----------
+    rig : Rig
+        The cameras of the rectified pairs.
+    stamps : (n,) float64
+        Times of the left images, s.
+    unpaired : list of str
+        Images without a partner, a stamp or a file, as ``cam0/name.png``.
+
+    Raises
+    ------
+    InputError
+        If a part is missing or cannot be read, stamps do not increase or are no nanoseconds, or no pair is found.
+
+    Examples
+    --------
+    >>> EurocSequence("no-such-folder")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: no-such-folder: lacks the folder mav0/cam0, expected a recording in the ASL layout
+    """
+
+    rig: Rig
+    stamps: FloatArray
+    unpaired: list[str]
+
+    def __init__(self, path: PathLike) -> None:
+        self.path = Path(path)
+        self._root = self.path / "mav0" if (self.path / "mav0").is_dir() else self.path
+        if not (self._root / "cam0").is_dir():
+            raise InputError(f"{self.path}: lacks the folder mav0/cam0, expected a recording in the ASL layout")
+        (left, lost), (right, its_lost) = (_listed(self._root / camera) for camera in _CAMERAS)
+        paired = some(pair_by_stamp(left, right, _CAMERAS), self._root, "cam0 and cam1 with images of the same stamps")
+        self.unpaired = paired.unpaired + lost + its_lost
+        calibration = read_calibration(self._root / "cam0" / "sensor.yaml", size_of_first(paired.files))
+        self._frames = Frames(paired, calibration.cameras)
+        self.rig, self.stamps = self._frames.rig, self._frames.stamps
+
+    @property
+    def name(self) -> str:
+        """Name of the recording's folder, the one with `mav0` in it."""
+        root = self._root.resolve()
+        return name_of(root.parent if root.name == "mav0" else root)
+
+    @cached_property
+    def truth(self) -> FloatArray | None:
+        """True poses ``T_world_camera`` of the rectified left camera, (n, 4, 4) float64; None if there are none.
+
+        From `state_groundtruth_estimate0` or else `vicon0`. Both give the pose ``T_RS`` of a sensor whose own
+        `sensor.yaml` has its place ``T_BS`` in the body; it must be there for the markers of `vicon0`, and without
+        one the estimate is the body's. So ``T_world_camera = T_RS T_BS⁻¹ T_BS(cam0) R_leftᵀ``. Between two
+        measurements the position is interpolated linearly and the rotation along the shortest arc; rows are NaN
+        where there are none at most 0.1 s before and after. InputError if a file is bad.
+        """
+        folder = next((self._root / name for name in _TRUTHS if (self._root / name / "data.csv").exists()), None)
+        if folder is None:
+            return None
+        stamps, T_world_sensor = _measured(folder / "data.csv")
+        T_body_camera = _place(self._root / "cam0") @ motion(self._frames.R_left.T)
+        optional = folder.name == _TRUTHS[0] and not (folder / "sensor.yaml").exists()
+        T_sensor_camera = T_body_camera if optional else inverse(_place(folder)) @ T_body_camera
+        return poses_at(self.stamps, stamps, T_world_sensor) @ T_sensor_camera
+
+    def __len__(self) -> int:
+        return len(self._frames.files)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
+        return self._frames.read(index)
+
+    def __iter__(self) -> Iterator[StereoPair]:
+        """Read one pair after another."""
+        return (self[index] for index in range(len(self)))
+
+
+def _listed(camera: Path) -> tuple[dict[int, Path], list[str]]:
+    """Images of a camera by stamp (ns), and those that only the list or only the folder has."""
+    path, files = camera / "data.csv", images_in(camera / "data")
+    rows = [(whole(path, row, row[1][0], _LISTED), row[1][1]) for row in table(path, _LISTED, ",", (2,))]
+    check_stamps(path, seconds([stamp for stamp, _ in rows]), "nanoseconds")
+    named = dict.fromkeys(name for _, name in rows)
+    lone = [f"{camera.name}/{name}" for name in (*named, *files) if (name in named) != (name in files)]
+    return {stamp: files[name] for stamp, name in rows if name in files}, lone
+
+
+def _measured(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Stamps (s) and poses (n, 4, 4) of a sensor."""
+    from scipy.spatial.transform import Rotation
+
+    rows = table(path, _POSES, ",")
+    short = next((row for row in rows if len(row[1]) < 8), None)
+    if short:
+        raise InputError(f"{path}: line {short[0]} has {len(short[1])} values, expected {_POSES}")
+    stamps = seconds([whole(path, row, row[1][0], _POSES) for row in rows])
+    check_stamps(path, stamps, "nanoseconds")
+    values = np.array([numbers(path, row, row[1][1:8], _POSES) for row in rows])
+    norm = np.linalg.norm(values[:, 3:], axis=1)
+    if (bad := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
+        raise InputError(f"{path}: the quaternion of pose {bad[0] + 1} has norm {norm[bad[0]]:.4g}, expected 1")
+    R = Rotation.from_quat(values[:, [4, 5, 6, 3]]).as_matrix()
+    return stamps, motions(R, values[:, :3])
+
+
+def _place(sensor: Path) -> FloatArray:
+    """Place of a sensor in the body's frame, (4, 4)."""
+    path = sensor / "sensor.yaml"
+    return pose(Source(path, read_mapping(path, "a sensor.yaml with T_BS")), "T_BS")

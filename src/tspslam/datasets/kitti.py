@@ -1,0 +1,251 @@
+"""KITTI: sequences of the odometry benchmark, and drives of the raw data."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from .._files import PathLike, bad_input, read_bytes
+from ..errors import InputError
+from ..types import FloatArray, Rig, StereoPair
+from ..vision.formats._source import Source
+from ..vision.formats.kitti import parse_kitti, read_kitti
+from ._pairing import (
+    NANOSECONDS,
+    Frames,
+    Paired,
+    check_stamps,
+    motion,
+    name_of,
+    numbered,
+    numbers,
+    pair_by_number,
+    pair_by_stamp,
+    rigid,
+    seconds,
+    size_of_first,
+    some,
+    table,
+)
+
+_DATE = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{1,9})")
+_DATES = "a time for each image, such as 2011-09-26 14:05:35.500923136"
+_TIMES = "a time in seconds for each image"
+_POSES = "lines of 12 numbers: the upper three rows of a pose, row by row"
+_CALIBRATION = "a calibration of KITTI"
+_LARGEST_CALIBRATION = 1 << 20  # bytes
+_BESIDE = 1e-2  # of the baseline: how far camera 3 may be off the x axis of camera 2
+_OF_A_CAMERA = ("S", "K", "D", "R", "T", "S_rect", "R_rect", "P_rect")
+
+
+class KittiSequence:
+    """A sequence of KITTI's odometry benchmark, or a drive of its raw data, synchronised and rectified or as recorded.
+
+    An odometry sequence has `image_0/` and `image_1/`, `calib.txt` and `times.txt` (s); line k, from 0, is for the
+    image of number k, and images are paired by number. A raw drive has `image_00/` and `image_01/`, each with `data/`
+    and `timestamps.txt` in the same way, and `calib_cam_to_cam.txt` in its folder or the one above; images are paired
+    by stamp, as those of `EurocSequence`. The size of its images tells recorded ones, which are rectified here, from
+    rectified ones.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder of the sequence or drive.
+    colour : bool
+        Read the colour cameras (`image_2` and `image_3`, or `image_02` and `image_03`). Of the right one's place
+        only the distance along the rows is used; it is 3 mm off the row.
+    poses : str or path, optional
+        True poses in KITTI's form, for each left image or for each number from 0; by default `poses.txt` in the
+        folder or `../../poses/NN.txt`, if there is one.
+
+    Attributes
+    ----------
+    rig : Rig
+        The cameras of the rectified pairs.
+    stamps : (n,) float64
+        Times of the left images, s; of a raw drive since 1970, its clock taken for UTC.
+    unpaired : list of str
+        Images without a partner or a stamp, as ``image_0/000012.png``.
+
+    Raises
+    ------
+    InputError
+        If a part is missing or cannot be read, stamps do not increase or are in another unit, no pair is found, or
+        the poses that are given are bad.
+
+    Examples
+    --------
+    >>> KittiSequence("no-such-folder")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: no-such-folder: lacks the folder image_0 or image_00, expected a sequence of KITTI
+    """
+
+    rig: Rig
+    stamps: FloatArray
+    unpaired: list[str]
+
+    def __init__(self, path: PathLike, *, colour: bool = False, poses: PathLike | None = None) -> None:
+        self.path = Path(path)
+        self._cameras = ("2", "3") if colour else ("0", "1")
+        self._is_raw = _is_raw(self.path, self._cameras[0])
+        if self._is_raw:
+            self._cameras = (f"0{self._cameras[0]}", f"0{self._cameras[1]}")
+        paired = self._paired()
+        self._source = _calibration(self.path, self._is_raw)
+        named = _as_grey(self._source, self._is_raw) if colour else self._source
+        self._frames = Frames(paired, read_kitti(named, size_of_first(paired.files)).cameras)
+        self.rig, self.stamps, self.unpaired = self._frames.rig, self._frames.stamps, paired.unpaired
+        self._poses = _poses_of(self.path) if poses is None else Path(poses)
+        if poses is not None:
+            _ = self.truth
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return name_of(self.path)
+
+    @cached_property
+    def truth(self) -> FloatArray | None:
+        """True poses ``T_world_camera`` of the rectified left camera, (n, 4, 4) float64; None if there are none.
+
+        KITTI's poses are those of the rectified camera 0. They are carried over to the left camera of the pairs:
+        camera 2, or the frame into which recorded images are turned here. Rows are NaN for numbers behind the last
+        line. InputError if the file is bad.
+        """
+        if self._poses is None:
+            return None
+        T = _read_poses(self._poses)
+        files = list(self._left)
+        lines = {n: k for k, n in enumerate(files)} if len(T) == len(files) else {n: n for n in range(len(T))}
+        at = [lines.get(int(left.stem)) for left, _ in self._frames.files]
+        if all(line is None for line in at):
+            wanted = f"one for each of the {len(files)} left images, or for numbers to {files[-1]}"
+            raise bad_input(self._poses, f"has {len(T)} poses, none of an image", wanted)
+        T_world_zero = np.stack([np.full((4, 4), np.nan) if line is None else T[line] for line in at])
+        return T_world_zero @ self._T_zero_camera()
+
+    def __len__(self) -> int:
+        return len(self._frames.files)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
+        return self._frames.read(index)
+
+    def __iter__(self) -> Iterator[StereoPair]:
+        """Read one pair after another."""
+        return (self[index] for index in range(len(self)))
+
+    def _paired(self) -> Paired:
+        labels = (f"image_{self._cameras[0]}", f"image_{self._cameras[1]}")
+        folders = [self.path / label for label in labels]
+        left, right = (numbered(folder / "data" if self._is_raw else folder) for folder in folders)
+        self._left = left
+        if not self._is_raw:
+            times = dict(enumerate(_read_times(self.path / "times.txt")))
+            return some(pair_by_number(left, right, times, labels), self.path, f"{labels[0]} and {labels[1]} alike")
+        one, other = (_stamped(folder, side) for folder, side in zip(folders, (left, right), strict=True))
+        paired = pair_by_stamp(one[0], other[0], labels)
+        lone = Paired(paired.files, paired.stamps, paired.unpaired + one[1] + other[1])
+        return some(lone, self.path, f"{labels[0]} and {labels[1]} with images of the same stamps")
+
+    def _T_zero_camera(self) -> FloatArray:
+        """Place of the pairs' left camera in the rectified camera 0's frame, (4, 4)."""
+        camera = self._cameras[0]
+        P = self._source.matrix(f"P_rect_{camera}" if self._is_raw else f"P{camera}", 3, 4)
+        place = motion(np.eye(3), -_shift(P))
+        if not self._frames.is_turned:
+            return place
+        return place @ motion(self._source.matrix(f"R_rect_{camera}", 3, 3) @ self._frames.R_left.T)
+
+
+def _is_raw(path: Path, camera: str) -> bool:
+    if (path / f"image_{camera}").is_dir():
+        return False
+    if (path / f"image_0{camera}").is_dir():
+        return True
+    there = [k for k in "02" if (path / f"image_{k}").is_dir() or (path / f"image_0{k}").is_dir()]
+    hint = f" (or colour={camera == '0'}, whose images are there)" if there else ""
+    raise InputError(f"{path}: lacks the folder image_{camera} or image_0{camera}, expected a sequence of KITTI{hint}")
+
+
+def _read_times(path: Path) -> list[float]:
+    rows = table(path, _TIMES, None, (1,))
+    times = [numbers(path, row, row[1], _TIMES)[0] for row in rows]
+    check_stamps(path, np.array(times), "seconds")
+    return times
+
+
+def _stamped(folder: Path, images: dict[int, Path]) -> tuple[dict[int, Path], list[str]]:
+    """Images of a raw camera by stamp (ns), and the names of those without one."""
+    path = folder / "timestamps.txt"
+    stamps = [_nanoseconds(path, line, " ".join(words)) for line, words in table(path, _DATES)]
+    check_stamps(path, seconds(stamps), "dates and times")
+    lone = [f"{folder.name}/{file.name}" for number, file in images.items() if number >= len(stamps)]
+    return {stamps[number]: file for number, file in images.items() if number < len(stamps)}, lone
+
+
+def _nanoseconds(path: Path, line: int, text: str) -> int:
+    said = _DATE.fullmatch(text)
+    try:
+        day, time, part = said.groups() if said else ("", "", "")
+        whole = datetime.fromisoformat(f"{day}T{time}+00:00")
+    except ValueError as error:
+        raise bad_input(path, f"line {line} has {text[:40]!r}", _DATES) from error
+    return int(whole.timestamp()) * NANOSECONDS + int(part.ljust(9, "0"))
+
+
+def _calibration(path: Path, is_raw: bool) -> Source:
+    """Values of the calibration file."""
+    place = path / "calib.txt"
+    if is_raw:
+        name = "calib_cam_to_cam.txt"
+        place = next((at for at in (path / name, path.resolve().parent / name) if at.exists()), path / name)
+    text = read_bytes(place, _CALIBRATION, _LARGEST_CALIBRATION).decode("utf-8", "replace")
+    return parse_kitti(text, place)
+
+
+def _as_grey(source: Source, is_raw: bool) -> Source:
+    """Values of the colour cameras 2 and 3 under the names of 0 and 1, measured from camera 2."""
+    names = ("P_rect_02", "P_rect_03") if is_raw else ("P2", "P3")
+    left, right = (source.matrix(name, 3, 4) for name in names)
+    x, y, z = _shift(right) - _shift(left)
+    if max(abs(y), abs(z)) > _BESIDE * abs(x):
+        raise source.error(
+            f"{names[1]} is {y:.3g} and {z:.3g} m off {names[0]} in y and z, expected less than 1 % of x"
+        )
+    left[:, 3], right[:, 3] = 0, (right[0, 0] * x, 0, 0)
+    if not is_raw:
+        return Source(source.path, {"P0": left.tolist(), "P1": right.tolist()})
+    values = {
+        f"{name}_{new}": source.value(f"{name}_{old}", "the values of the colour cameras")
+        for name in _OF_A_CAMERA
+        for old, new in (("02", "00"), ("03", "01"))
+    }
+    R_02, R_03 = (source.matrix(key, 3, 3) for key in ("R_02", "R_03"))
+    R = R_03 @ R_02.T
+    t = np.array(source.vector("T_03", 3)) - R @ source.vector("T_02", 3)
+    values |= {"R_00": np.eye(3).tolist(), "T_00": [0.0, 0.0, 0.0], "R_01": R.tolist(), "T_01": t.tolist()}
+    return Source(source.path, values | {"P_rect_00": left.tolist(), "P_rect_01": right.tolist()})
+
+
+def _shift(P: FloatArray) -> FloatArray:
+    """Return t of ``P = K [I | t]``, m: a point of camera 0's frame is at ``x + t`` in this camera's."""
+    return np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
+
+
+def _poses_of(path: Path) -> Path | None:
+    """File of true poses in the place that KITTI has for it."""
+    own = path.resolve()
+    places = (path / "poses.txt", own.parent.parent / "poses" / f"{own.name}.txt")
+    return next((place for place in places if place.exists()), None)
+
+
+def _read_poses(path: Path) -> FloatArray:
+    """Poses (n, 4, 4) of a file in KITTI's form."""
+    rows = table(path, _POSES, None, (12,))
+    return rigid(path, np.array([numbers(path, row, row[1], _POSES) for row in rows]).reshape(-1, 3, 4))
