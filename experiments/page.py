@@ -98,7 +98,7 @@ def elsewhere(results: dict, docs: Path) -> str:
     runs = [results, *others.values()]
     rows = []
     for name, what in TOLD:
-        values = [said(run.get(name, {}).get("numbers", {}).get(what, "-")) for run in runs]
+        values = [said(run.get(name, {}).get("numbers", {}).get(what, "")) for run in runs]
         rows.append("\n     - ".join([f"   * - {escaped(what)}", *values]))
     title = "The same on other frames"
     head = "\n     - ".join(["   * - what", "Motorcycle, synthetic", *(name.replace("_", " ") for name in others)])
@@ -116,7 +116,7 @@ def escaped(text: str) -> str:
 def said(value: float | int | str) -> str:
     """A number with three digits; whole numbers whole."""
     if isinstance(value, str) or value is None:
-        return value or "-"
+        return value or "–"
     if isinstance(value, int) or float(value).is_integer():
         return f"{int(value):,}".replace(",", " ")
     return "refused" if math.isnan(value) else f"{value:.3g}"

@@ -290,7 +290,7 @@ def _open_source(paths: list[Path], calib: Path | None) -> Source:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.StereoFolder(paths[0], calib)
+    return datasets.open_sequence(paths[0], calib=calib)
 
 
 def _open_map(

@@ -97,7 +97,7 @@ def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Itera
         yield {"code": "frames_independent", "message": message}
     if unpaired:
         names = ", ".join(unpaired[:3])
-        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner of the same name: {names}"}
+        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner: {names}"}
     pinched = sum(len(unit["pinched_vertices"]) for unit in done)
     broken = {unit["surface"] for unit in done} - {"image Delaunay", "closed manifold"}
     for verdict in sorted(broken):
