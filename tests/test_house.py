@@ -10,8 +10,21 @@ SRC = Path(tspslam.__file__).parent
 GROUND = {"_atomic", "_files", "_jit", "_yaml", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
-    "cli": {"calibrating", "filtering", "pipeline", "config", "datasets", "io", "view", "session", "topology"} | GROUND,
+    "cli": {
+        "calibrating",
+        "evaluating",
+        "filtering",
+        "pipeline",
+        "config",
+        "datasets",
+        "io",
+        "view",
+        "session",
+        "topology",
+    }
+    | GROUND,
     "calibrating": {"vision"} | GROUND,
+    "evaluating": {"datasets", "io", "vision"} | GROUND,
     "filtering": {"doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,
     "doors": {"io", "vision", "topology"} | GROUND,
     "pipeline": {"config", "records", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,

@@ -68,8 +68,10 @@ if TYPE_CHECKING:
     from .types import Signals as Signals
     from .types import StereoPair as StereoPair
     from .types import Surface as Surface
+    from .types import Trajectory as Trajectory
     from .vision.dense import cloud_from_depth as cloud_from_depth
     from .vision.dense import cloud_from_disparity as cloud_from_disparity
+    from .vision.evaluate import evaluate_trajectory as evaluate_trajectory
     from .vision.formats import read_calibration as read_calibration
     from .vision.reconstruct import reconstruct as reconstruct
     from .vision.rectify import rectification as rectification
@@ -80,7 +82,19 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "errors": ("GeometryError", "InputError", "OutputError", "TspSlamError"),
-    "types": ("Bank", "Camera", "Cloud", "Features", "RawRig", "Response", "Rig", "Signals", "StereoPair", "Surface"),
+    "types": (
+        "Bank",
+        "Camera",
+        "Cloud",
+        "Features",
+        "RawRig",
+        "Response",
+        "Rig",
+        "Signals",
+        "StereoPair",
+        "Surface",
+        "Trajectory",
+    ),
     "vision.reconstruct": ("reconstruct",),
     "vision.rig": ("load_rig",),
     "vision.rectify": ("rectification",),
@@ -99,6 +113,7 @@ _HOMES = {
     "topology.mahf": ("mahf", "mahf_bank"),
     "topology.chf": ("chf", "chf_bank"),
     "topology.cells": ("CellComplex", "build_cells", "grow_labels", "merge_cells", "merge_signals"),
+    "vision.evaluate": ("evaluate_trajectory",),
     "vision.formats": ("read_calibration",),
     "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),

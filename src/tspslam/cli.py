@@ -123,6 +123,30 @@ def export_command(
     _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
 
+@app.command("eval")
+def eval_command(
+    run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI).")],
+    truth: Annotated[Path, typer.Option(help="True poses: a file (TUM, KITTI) or a sequence folder that has them.")],
+    max_difference: Annotated[float, typer.Option(min=0, help="Between two matched stamps, s.")] = 0.01,
+    plot: Annotated[Path | None, typer.Option(help="PNG file of both paths and the error along them.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
+    from .evaluating import evaluated, summary
+
+    errors = evaluated(run, truth, max_stamp_difference=max_difference)
+    if plot:
+        from .view import write_path_picture
+
+        write_path_picture(errors, plot)
+    found = summary(errors)
+    if as_json:
+        _say(json.dumps(found))
+        return
+    for name, value in found.items():
+        _say(f"{name:<28}  {'-' if value is None else f'{value:.6g}'}")
+
+
 @config_app.command("show")
 def config_show_command(
     preset: PresetOption = "default",

@@ -230,6 +230,25 @@ class StereoPair:
 
 
 @dataclass(frozen=True)
+class Trajectory:
+    """A camera's path.
+
+    Attributes
+    ----------
+    stamp : (T,) float64
+        Times, s, ascending.
+    T_world_camera : (T, 4, 4) float64
+        Poses: each maps points of the camera's frame to the world, m.
+    """
+
+    stamp: FloatArray
+    T_world_camera: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+
+@dataclass(frozen=True)
 class Features:
     """Keypoints of one image with their descriptors.
 

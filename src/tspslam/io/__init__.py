@@ -7,7 +7,7 @@ from .manifest import Unit
 from .mesh import read_mesh
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
-from .trajectory import write_kitti, write_tum
+from .trajectory import read_trajectory, write_kitti, write_tum
 from .vtu import VtuMesh, read_vtu, write_vtu
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "read_image",
     "read_mesh",
     "read_ply",
+    "read_trajectory",
     "read_vtu",
     "write_bytes",
     "write_frame",

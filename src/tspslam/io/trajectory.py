@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._atomic import write_bytes
-from .._files import PathLike, bad_input
-from ..types import FloatArray
+from .._files import PathLike, bad_input, read_bytes
+from ..types import FloatArray, Trajectory
 
 _ORTHONORMAL = 1e-6
+_ROTATION = 1e-2  # of a written one: KITTI's have six digits
+_LARGEST_TEXT = 1 << 28  # bytes
+_FORMS = "lines of 8 numbers (TUM: stamp tx ty tz qx qy qz qw) or of 12 (KITTI: three rows of a pose)"
 
 
 def write_tum(path: PathLike, stamp: ArrayLike, T_world_camera: ArrayLike) -> None:
@@ -73,6 +76,82 @@ def write_kitti(path: PathLike, T_world_camera: ArrayLike) -> None:
     """
     _, poses = _checked(path, np.zeros(np.shape(T_world_camera)[:1]), T_world_camera)
     write_bytes(path, _text(poses[:, :3].reshape(-1, 12)))
+
+
+def read_trajectory(path: PathLike) -> Trajectory:
+    """Read a trajectory in TUM's or KITTI's form; KITTI's has no stamps, so they are the numbers of its lines, from 0.
+
+    Parameters
+    ----------
+    path : str or path
+        Text; blank lines and those that begin with # are passed over. Rotations are made exact.
+
+    Returns
+    -------
+    Trajectory
+        In the order of the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has another number of values in a line, a value that is not finite, a quaternion
+        that is not of length 1 or a matrix that is no rotation (to 1e-2), or stamps that do not increase.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_tum(f"{folder}/a.tum", [0.5, 0.6], np.tile(np.eye(4), (2, 1, 1)))
+    ...     read_trajectory(f"{folder}/a.tum").stamp.tolist()
+    [0.5, 0.6]
+    """
+    table = _table(path)
+    if table.shape[1] == 12:
+        return Trajectory(np.arange(len(table), dtype=np.float64), _rigid(path, table.reshape(-1, 3, 4)))
+    if (np.diff(table[:, 0]) <= 0).any():
+        k = int(np.argmax(np.diff(table[:, 0]) <= 0))
+        raise bad_input(path, f"stamp {k + 2} is {table[k + 1, 0]:.9f}, that before it {table[k, 0]:.9f}", "a rise")
+    x, y, z, w = table[:, 4:].T
+    off = np.abs(np.sqrt(x * x + y * y + z * z + w * w) - 1)
+    if (off > _ROTATION).any():
+        raise bad_input(path, f"the quaternion of pose {int(np.argmax(off > _ROTATION)) + 1} is not of length 1", "1")
+    R = np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    ).transpose(2, 0, 1)
+    return Trajectory(table[:, 0], _rigid(path, np.concatenate([R, table[:, 1:4, None]], axis=2)))
+
+
+def _table(path: PathLike) -> FloatArray:
+    """Numbers of a text file, (n, 8) or (n, 12)."""
+    text = read_bytes(path, _FORMS, _LARGEST_TEXT).decode("utf-8-sig", "replace")
+    rows = [(k, line.split()) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    count = len(rows[0][1]) if rows else 0
+    for number, words in rows:
+        if len(words) != count or count not in (8, 12):
+            raise bad_input(path, f"line {number} has {len(words)} values", _FORMS)
+    try:
+        table = np.array([words for _, words in rows], np.float64)
+    except ValueError as error:
+        raise bad_input(path, f"holds a value that is no number ({error})", _FORMS) from error
+    if not len(table) or not np.isfinite(table).all():
+        raise bad_input(path, "has no line, or a value that is not finite", _FORMS)
+    return table
+
+
+def _rigid(path: PathLike, rows: FloatArray) -> FloatArray:
+    """(n, 4, 4) motions of (n, 3, 4) rows, their rotations made exact."""
+    U, size, Vt = np.linalg.svd(rows[:, :, :3])
+    off = np.abs(size - 1).max(axis=1)
+    bad = np.flatnonzero((off > _ROTATION) | (np.linalg.det(rows[:, :, :3]) < 0))
+    if bad.size:
+        raise bad_input(path, f"pose {bad[0] + 1} holds no rotation (off by {off[bad[0]]:.2g})", "one to 1e-2")
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = U @ Vt, rows[:, :, 3]
+    return poses
 
 
 def quaternions(R: FloatArray) -> FloatArray:

@@ -11,12 +11,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ._frame import FrameView as FrameView
     from ._frame import phase_colours as phase_colours
+    from .paths import write_path_picture as write_path_picture
     from .pictures import write_pictures as write_pictures
     from .report import write_report as write_report
 
-_HOME = {"FrameView": "_frame", "phase_colours": "_frame", "write_pictures": "pictures", "write_report": "report"}
+_HOME = {
+    "FrameView": "_frame",
+    "phase_colours": "_frame",
+    "write_path_picture": "paths",
+    "write_pictures": "pictures",
+    "write_report": "report",
+}
 
-__all__ = ["FrameView", "phase_colours", "write_pictures", "write_report"]
+__all__ = ["FrameView", "phase_colours", "write_path_picture", "write_pictures", "write_report"]
 
 
 def __getattr__(name: str) -> Any:

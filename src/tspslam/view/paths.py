@@ -1,0 +1,77 @@
+"""A picture of a camera path beside the true one."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .._atomic import write_bytes
+from ..types import FloatArray
+
+_TRUE, _ESTIMATED = "#1b2430", "#d55e00"
+
+
+class PathErrors(Protocol):
+    """What the picture needs of the errors of a path."""
+
+    @property
+    def estimate(self) -> FloatArray:
+        """(M, 3) estimated positions, laid on the true ones, m."""
+
+    @property
+    def reference(self) -> FloatArray:
+        """(M, 3) true positions, m."""
+
+    @property
+    def ate_m(self) -> FloatArray:
+        """(M,) distances between them, m."""
+
+    @property
+    def ate_rmse_m(self) -> float:
+        """Their root mean square, m."""
+
+
+def write_path_picture(errors: PathErrors, path: str | Path) -> None:
+    """Draw both paths from the side that shows most of them, and the error along the true one, as PNG.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+        What `tspslam.evaluate_trajectory` gives.
+    path : str or path
+        The file to write.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    figure = Figure(figsize=(11, 4.6), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    plan, along = figure.subplots(1, 2)
+    _draw_plan(plan, errors)
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(errors.reference, axis=0), axis=1))])
+    along.plot(travelled, errors.ate_m, color=_ESTIMATED)
+    along.axhline(errors.ate_rmse_m, color=_TRUE, lw=0.8, ls="--", label=f"root mean square: {errors.ate_rmse_m:.3g} m")
+    along.set(xlabel="along the true path, m", ylabel="error of position, m", ylim=(0, None))
+    along.legend()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    write_bytes(path, buffer.getvalue())
+
+
+def _draw_plan(ax: Axes, errors: PathErrors) -> None:
+    """Both paths over the two axes of space along which the true one is longest."""
+    a, b = sorted(np.argsort(-np.ptp(errors.reference, axis=0), kind="stable")[:2].tolist())
+    for positions, colour, label in ((errors.reference, _TRUE, "true"), (errors.estimate, _ESTIMATED, "estimated")):
+        ax.plot(positions[:, a], positions[:, b], color=colour, lw=1.4, label=label)
+    ax.plot(*errors.reference[0, [a, b]], "o", color=_TRUE, ms=5, label="start")
+    ax.set(xlabel=f"{'xyz'[a]}, m", ylabel=f"{'xyz'[b]}, m")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.legend()

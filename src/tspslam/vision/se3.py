@@ -1,0 +1,89 @@
+"""Rigid motions as (..., 4, 4) matrices, and the one that lays a set of points on another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import FloatArray
+
+
+def inverse(T: FloatArray) -> FloatArray:
+    """Inverse of rigid motions.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) float64
+        Rotation and translation.
+
+    Returns
+    -------
+    (..., 4, 4) float64
+
+    Examples
+    --------
+    >>> T = np.eye(4)
+    >>> T[:3, 3] = 1, 2, 3
+    >>> inverse(T)[:3, 3].tolist()
+    [-1.0, -2.0, -3.0]
+    """
+    turned = np.swapaxes(T[..., :3, :3], -1, -2)
+    back = np.zeros_like(T)
+    back[..., :3, :3] = turned
+    back[..., :3, 3] = -(turned @ T[..., :3, 3:])[..., 0]
+    back[..., 3, 3] = 1
+    return back
+
+
+def rotation_angle(R: FloatArray) -> FloatArray:
+    """Angle of rotations, (...,) rad in [0, π], exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float64
+        Rotations.
+
+    Examples
+    --------
+    >>> float(rotation_angle(np.diag([1.0, -1.0, -1.0])).round(9))
+    3.141592654
+    """
+    skew = R - np.swapaxes(R, -1, -2)
+    sine = np.sqrt(skew[..., 0, 1] ** 2 + skew[..., 0, 2] ** 2 + skew[..., 1, 2] ** 2) / 2
+    angle: FloatArray = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
+    return angle
+
+
+def alignment(source: FloatArray, target: FloatArray, *, with_scale: bool = False) -> tuple[FloatArray, float]:
+    """Rigid motion, and scale, that lay points on others with the least sum of squares (Umeyama 1991).
+
+    Parameters
+    ----------
+    source, target : (n, 3) float64
+        Points, n >= 1.
+    with_scale : bool
+        Whether the scale is free; 1 otherwise.
+
+    Returns
+    -------
+    T : (4, 4) float64
+        Rotation and translation: ``target ≈ scale R source + t``. Where points lie on a line or in one place, one of
+        the motions that fit alike.
+    scale : float
+        1 where all points of `source` are in one place.
+
+    Examples
+    --------
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> T, scale = alignment(points, 2 * points + 5, with_scale=True)
+    >>> T[:3, 3].round(9).tolist(), round(scale, 9)
+    ([5.0, 5.0, 5.0], 2.0)
+    """
+    middle, there = source.mean(axis=0), target.mean(axis=0)
+    U, sizes, Vt = np.linalg.svd((target - there).T @ (source - middle))
+    mirror = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
+    spread = float(((source - middle) ** 2).sum())
+    scale = float((sizes * mirror).sum()) / spread if with_scale and spread > 0 else 1.0
+    T = np.eye(4)
+    T[:3, :3] = (U * mirror) @ Vt
+    T[:3, 3] = there - scale * T[:3, :3] @ middle
+    return T, scale

@@ -1,0 +1,139 @@
+"""Errors of a path: closed forms, and evo's figures to 1e-6."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tspslam import InputError, Trajectory, evaluate_trajectory
+from tspslam.vision.se3 import alignment, inverse, rotation_angle
+
+
+def path(n=120, seed=0, noise=0.0, scale=1.0):
+    """A path that turns, and one like it with noise, in a world of its own."""
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    turns = np.cumsum(rng.normal(0, 0.03, (n, 3)), axis=0)
+    poses[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    poses[:, :3, 3] = np.cumsum(poses[:, :3, 2] * rng.uniform(0.3, 1.0, (n, 1)), axis=0) * scale
+    if noise:
+        poses[:, :3, 3] += rng.normal(0, noise, (n, 3))
+        poses[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(rng.normal(0, noise / 10, (n, 3))).as_matrix()
+    return Trajectory(1e9 + 0.1 * np.arange(n), poses)
+
+
+def elsewhere(trajectory, seed=5):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    T[:3, 3] = 10, -20, 30
+    return Trajectory(trajectory.stamp, T @ trajectory.T_world_camera)
+
+
+def test_a_path_in_another_world_has_no_error():
+    errors = evaluate_trajectory(elsewhere(path()), path())
+    assert errors.ate_rmse_m < 1e-9
+    assert errors.rpe_translation_m < 1e-9
+    assert errors.rpe_rotation_deg < 1e-6
+    assert errors.per_distance[10.0].translation_percent < 1e-9
+    assert (errors.matched, errors.total) == (120, 120)
+    np.testing.assert_allclose(errors.estimate, errors.reference, atol=1e-9)
+
+
+def test_scale_is_found():
+    errors = evaluate_trajectory(path(scale=1.02), path())
+    assert errors.scale == pytest.approx(1 / 1.02, abs=1e-12)
+    assert errors.ate_sim3_rmse_m < 1e-9 < errors.ate_rmse_m
+    assert errors.per_distance[10.0].translation_percent == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("seed", range(3))
+def test_figures_are_those_of_evo(seed):
+    pytest.importorskip("evo", reason="evo is not installed: pip install '.[dev]'")
+    from evo.core import metrics, sync
+    from evo.core.trajectory import PoseTrajectory3D
+
+    reference, estimate = path(seed=seed), elsewhere(path(seed=seed, noise=0.05, scale=1.01))
+    keep = np.random.default_rng(seed).random(120) > 0.2
+    jitter = np.random.default_rng(seed).uniform(-0.004, 0.004, keep.sum())
+    estimate = Trajectory(estimate.stamp[keep] + jitter, estimate.T_world_camera[keep])
+    ours = evaluate_trajectory(estimate, reference)
+    theirs = [
+        PoseTrajectory3D(poses_se3=list(one.T_world_camera), timestamps=one.stamp) for one in (reference, estimate)
+    ]
+    theirs = sync.associate_trajectories(*theirs, max_diff=0.01)
+
+    def figure(metric, scale):
+        ref, est = theirs[0], PoseTrajectory3D(poses_se3=list(theirs[1].poses_se3), timestamps=theirs[1].timestamps)
+        est.align(ref, correct_scale=scale)
+        metric.process_data((ref, est))
+        return metric.get_statistic(metrics.StatisticsType.rmse)
+
+    part, unit = metrics.PoseRelation, metrics.Unit
+    ten = {"delta": 10.0, "delta_unit": unit.meters, "all_pairs": True, "pairs_from_reference": True}
+    expected = {
+        ours.ate_rmse_m: figure(metrics.APE(part.translation_part), False),
+        ours.ate_sim3_rmse_m: figure(metrics.APE(part.translation_part), True),
+        ours.rpe_translation_m: figure(metrics.RPE(part.translation_part, 1, unit.frames), False),
+        ours.rpe_rotation_deg: figure(metrics.RPE(part.rotation_angle_deg, 1, unit.frames), False),
+        ours.per_distance[10.0].translation_m: figure(metrics.RPE(part.translation_part, **ten), False),
+        ours.per_distance[10.0].rotation_deg: figure(metrics.RPE(part.rotation_angle_deg, **ten), False),
+    }
+    np.testing.assert_allclose(list(expected), list(expected.values()), rtol=1e-6)
+    assert ours.matched == keep.sum()
+
+
+def test_poses_are_matched_by_the_nearest_stamp_and_each_true_one_once():
+    reference = path(5)
+    estimate = Trajectory(
+        reference.stamp[[0, 1, 1, 3]] + [0, 0.001, 0.004, 0.02], reference.T_world_camera[[0, 1, 2, 3]]
+    )
+    errors = evaluate_trajectory(estimate, reference)
+    assert (errors.matched, errors.total) == (2, 4)
+    assert evaluate_trajectory(estimate, reference, max_stamp_difference=0.03).matched == 3
+
+
+def test_unknown_true_poses_are_left_out():
+    reference = path(10)
+    holes = reference.T_world_camera.copy()
+    holes[3:5] = np.nan
+    assert evaluate_trajectory(reference, Trajectory(reference.stamp, holes)).matched == 8
+
+
+def test_a_distance_beyond_the_path_has_no_pairs():
+    assert evaluate_trajectory(path(5), path(5), distances=[1000]).per_distance[1000.0].pairs == 0
+
+
+def test_mirrored_points_are_laid_by_a_rotation():
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    T, scale = alignment(points, points * (-1, 1, 1))
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
+    assert scale == 1.0
+    assert alignment(np.zeros((4, 3)), points[:4], with_scale=True)[1] == 1.0
+
+
+def test_motions_are_inverted_and_small_angles_exact():
+    T = path(20, noise=0.1).T_world_camera
+    np.testing.assert_allclose(inverse(T) @ T, np.tile(np.eye(4), (20, 1, 1)), atol=1e-12)
+    for angle in (1e-9, 0.3, np.pi):
+        R = Rotation.from_rotvec(angle * np.array([0.6, 0, 0.8])).as_matrix()
+        assert rotation_angle(R) == pytest.approx(angle, rel=1e-6)
+
+
+GOOD = path(4)
+BAD = {
+    "shapes": (Trajectory(GOOD.stamp[:2], GOOD.T_world_camera), GOOD, {}),
+    "do not increase": (Trajectory(GOOD.stamp[::-1], GOOD.T_world_camera), GOOD, {}),
+    "no rotation": (Trajectory(GOOD.stamp, 2 * GOOD.T_world_camera), GOOD, {}),
+    "no pose that is known": (GOOD, Trajectory(GOOD.stamp, GOOD.T_world_camera * np.nan), {}),
+    "0 of 4 poses have a true one": (Trajectory(GOOD.stamp + 100, GOOD.T_world_camera), GOOD, {}),
+    "expected > 0 m": (GOOD, GOOD, {"distances": [0]}),
+    ">= 0 s": (GOOD, GOOD, {"max_stamp_difference": -1}),
+    "not finite": (Trajectory(GOOD.stamp * np.inf, GOOD.T_world_camera), GOOD, {}),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_trajectories_get_one_line(said):
+    estimate, reference, options = BAD[said]
+    with pytest.raises(InputError, match=said):
+        evaluate_trajectory(estimate, reference, **options)
