@@ -1,0 +1,195 @@
+"""Compiled loops of bundle adjustment: normal equations with the points eliminated, back-substitution, cost.
+
+A point X is seen by a camera at ``p = R X + t`` as (u, v, d): its pixel and its disparity. A step turns and moves the
+camera: ``δp = ω × p + υ``. Observations are sorted by point; those of disparity NaN are bearings.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._jit import inlined, kernel
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+
+_BEHIND = 1e-3  # m; nearer points, and those behind, are not seen
+_LOST = 1e6  # cost of an observation whose point is not in front
+
+
+@inlined
+def _residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, p: Float64, r: Float64) -> bool:
+    """Fill `p` with the point in the camera's frame and `r` with seen less predicted (u, v, d); False if behind."""
+    for i in range(3):
+        p[i] = R[i, 0] * X[0] + R[i, 1] * X[1] + R[i, 2] * X[2] + t[i]
+    if p[2] <= _BEHIND:
+        return False
+    near = 1 / p[2]
+    r[0] = seen[0] - (lens[2] + (lens[0] * p[0] + lens[4] * p[1]) * near)
+    r[1] = seen[1] - (lens[3] + lens[1] * p[1] * near)
+    r[2] = 0.0 if np.isnan(seen[2]) else seen[2] - (lens[5] * near - lens[6])
+    return True
+
+
+@inlined
+def _huber(r: Float64, information: Float64, width: float) -> tuple[float, float]:
+    """Cost and weight of a residual: quadratic up to `width` standard deviations, linear beyond."""
+    square = information[0] * (r[0] * r[0] + r[1] * r[1]) + information[1] * r[2] * r[2]
+    if square <= width * width:
+        return square, 1.0
+    length = np.sqrt(square)
+    return 2 * width * length - width * width, width / length
+
+
+@kernel
+def cost(
+    lens: Float64, R: Float64, t: Float64, X: Float64, pose: Int32, point: Int32, seen: Float64, information: Float64,
+    width: float,
+) -> float:  # fmt: skip
+    """Sum of the Huber costs of all observations."""
+    p, r = np.empty(3), np.empty(3)
+    total = 0.0
+    for o in range(pose.shape[0]):
+        k = pose[o]
+        if _residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
+            total += _huber(r, information[o], width)[0]
+        else:
+            total += _LOST
+    return total
+
+
+@kernel
+def squares(
+    lens: Float64, R: Float64, t: Float64, X: Float64, pose: Int32, point: Int32, seen: Float64, information: Float64,
+    found: Float64,
+) -> None:  # fmt: skip
+    """Squared length of each observation's residual in standard deviations; infinity where the point is behind."""
+    p, r = np.empty(3), np.empty(3)
+    for o in range(pose.shape[0]):
+        k = pose[o]
+        found[o] = np.inf
+        if _residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
+            found[o] = information[o, 0] * (r[0] * r[0] + r[1] * r[1]) + information[o, 1] * r[2] * r[2]
+
+
+@inlined
+def _jacobians(lens: Float64, R: Float64, p: Float64, has_disparity: bool, J: Float64, G: Float64) -> None:
+    """Derivatives of predicted (u, v, d): `J` (3, 6) by the camera's (ω, υ), `G` (3, 3) by the point."""
+    near = 1 / p[2]
+    D = np.zeros((3, 3))
+    D[0, 0], D[0, 1] = lens[0] * near, lens[4] * near
+    D[0, 2] = -(lens[0] * p[0] + lens[4] * p[1]) * near * near
+    D[1, 1], D[1, 2] = lens[1] * near, -lens[1] * p[1] * near * near
+    if has_disparity:
+        D[2, 2] = -lens[5] * near * near
+    for i in range(3):
+        J[i, 0] = D[i, 2] * p[1] - D[i, 1] * p[2]
+        J[i, 1] = D[i, 0] * p[2] - D[i, 2] * p[0]
+        J[i, 2] = D[i, 1] * p[0] - D[i, 0] * p[1]
+        for j in range(3):
+            J[i, 3 + j] = D[i, j]
+            G[i, j] = D[i, 0] * R[0, j] + D[i, 1] * R[1, j] + D[i, 2] * R[2, j]
+
+
+@inlined
+def _invert(A: Float64, B: Float64) -> bool:
+    """Inverse of a symmetric positive (3, 3) matrix; False if it has none."""
+    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
+    c01 = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
+    c02 = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
+    det = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
+    if not det > 0:
+        return False
+    B[0, 0], B[0, 1], B[0, 2] = c00 / det, c01 / det, c02 / det
+    B[1, 0], B[1, 1] = B[0, 1], (A[0, 0] * A[2, 2] - A[0, 2] * A[2, 0]) / det
+    B[1, 2] = (A[0, 2] * A[1, 0] - A[0, 0] * A[1, 2]) / det
+    B[2, 0], B[2, 1], B[2, 2] = B[0, 2], B[1, 2], (A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]) / det
+    return True
+
+
+@kernel
+def reduce(
+    lens: Float64, R: Float64, t: Float64, X: Float64, pose: Int32, start: Int64, seen: Float64, information: Float64,
+    width: float, damping: float, row: Int32, moving: bool, S: Float64, b: Float64, W: Float64, V: Float64, g: Float64,
+) -> None:  # fmt: skip
+    """Normal equations of the cameras that move, with the points eliminated (Schur complement).
+
+    `row` numbers those cameras from 0, -1 for the others; `start` (M + 1,) bounds the observations of each point.
+    Fills S (6K, 6K) and b (6K,), and for the way back W (O, 6, 3), V (M, 3, 3) inverse, and g (M, 3). Points stay
+    where they are unless `moving`. Diagonals grow by the factor 1 + damping.
+    """
+    p, r, J, G = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 3))
+    A, Y = np.empty((3, 3)), np.empty((6, 3))
+    S[:], b[:] = 0, 0
+    for m in range(X.shape[0]):
+        A[:] = 0
+        g[m] = 0
+        for o in range(start[m], start[m + 1]):
+            k = pose[o]
+            W[o] = 0
+            if not _residual(lens, R[k], t[k], X[m], seen[o], p, r):
+                continue
+            _jacobians(lens, R[k], p, not np.isnan(seen[o, 2]), J, G)
+            weight = _huber(r, information[o], width)[1]
+            w = weight * information[o, 0], weight * information[o, 0], weight * information[o, 1]
+            for i in range(3):
+                for j in range(3):
+                    A[i, j] += w[0] * G[0, i] * G[0, j] + w[1] * G[1, i] * G[1, j] + w[2] * G[2, i] * G[2, j]
+                g[m, i] += w[0] * G[0, i] * r[0] + w[1] * G[1, i] * r[1] + w[2] * G[2, i] * r[2]
+            first = row[k] * 6
+            if first < 0:
+                continue
+            for i in range(6):
+                for j in range(6):
+                    S[first + i, first + j] += (
+                        w[0] * J[0, i] * J[0, j] + w[1] * J[1, i] * J[1, j] + w[2] * J[2, i] * J[2, j]
+                    )
+                for j in range(3):
+                    W[o, i, j] = w[0] * J[0, i] * G[0, j] + w[1] * J[1, i] * G[1, j] + w[2] * J[2, i] * G[2, j]
+                b[first + i] += w[0] * J[0, i] * r[0] + w[1] * J[1, i] * r[1] + w[2] * J[2, i] * r[2]
+        for i in range(3):
+            A[i, i] = A[i, i] * (1 + damping) + 1e-9
+        if not moving or not _invert(A, V[m]):
+            V[m] = 0
+    for i in range(S.shape[0]):
+        S[i, i] = S[i, i] * (1 + damping) + 1e-9  # what nothing fixes stays
+    if moving:
+        for m in range(X.shape[0]):
+            for o in range(start[m], start[m + 1]):
+                first = row[pose[o]] * 6
+                if first < 0:
+                    continue
+                for i in range(6):
+                    for j in range(3):
+                        Y[i, j] = W[o, i, 0] * V[m, 0, j] + W[o, i, 1] * V[m, 1, j] + W[o, i, 2] * V[m, 2, j]
+                    b[first + i] -= Y[i, 0] * g[m, 0] + Y[i, 1] * g[m, 1] + Y[i, 2] * g[m, 2]
+                for other in range(start[m], start[m + 1]):
+                    second = row[pose[other]] * 6
+                    if second < 0:
+                        continue
+                    for i in range(6):
+                        for j in range(6):
+                            S[first + i, second + j] -= (
+                                Y[i, 0] * W[other, j, 0] + Y[i, 1] * W[other, j, 1] + Y[i, 2] * W[other, j, 2]
+                            )
+
+
+@kernel
+def points_step(
+    pose: Int32, start: Int64, row: Int32, W: Float64, V: Float64, g: Float64, x: Float64, step: Float64
+) -> None:
+    """Steps of the points (M, 3) that go with the steps `x` (6K,) of the cameras."""
+    rest = np.empty(3)
+    for m in range(step.shape[0]):
+        rest[:] = g[m]
+        for o in range(start[m], start[m + 1]):
+            first = row[pose[o]] * 6
+            if first < 0:
+                continue
+            for j in range(3):
+                for i in range(6):
+                    rest[j] -= W[o, i, j] * x[first + i]
+        for i in range(3):
+            step[m, i] = V[m, i, 0] * rest[0] + V[m, i, 1] * rest[1] + V[m, i, 2] * rest[2]

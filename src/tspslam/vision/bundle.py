@@ -1,0 +1,281 @@
+"""Bundle adjustment: camera poses and points that agree best with what was seen of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GeometryError, InputError
+from ..types import BoolArray, FloatArray, Rig, real_array
+from .se3 import inverse
+
+_FIRST_DAMPING, _LEAST, _MOST = 1e-4, 1e-9, 1e8
+_ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Points seen by cameras, one row for each sight.
+
+    Attributes
+    ----------
+    pose : (O,) integers
+        Which camera.
+    point : (O,) integers
+        Which point.
+    uv : (O, 2) float64
+        Where in the left image, px.
+    disparity : (O,) float64
+        ``u_left - u_right``, px; NaN for a bearing only.
+    sigma_uv, sigma_disparity : (O,) float64
+        Standard deviations, px.
+    """
+
+    pose: NDArray[np.integer]
+    point: NDArray[np.integer]
+    uv: FloatArray
+    disparity: FloatArray
+    sigma_uv: FloatArray
+    sigma_disparity: FloatArray
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """What `adjust` found.
+
+    Attributes
+    ----------
+    T_world_camera : (K, 4, 4) float64
+        Poses.
+    xyz : (M, 3) float64
+        Points, m.
+    cost_before, cost : float
+        Sums of Huber costs, in squared standard deviations.
+    distance : (O,) float64
+        Length of each residual, standard deviations; infinity where the point is behind the camera.
+    steps : int
+        Steps taken.
+    """
+
+    T_world_camera: FloatArray
+    xyz: FloatArray
+    cost_before: float
+    cost: float
+    distance: FloatArray
+    steps: int
+
+
+def adjust(
+    rig: Rig,
+    T_world_camera: FloatArray,
+    xyz: FloatArray,
+    seen: Observations,
+    *,
+    fixed: BoolArray | None = None,
+    move_points: bool = True,
+    huber: float = 2.5,
+    most_steps: int = 20,
+) -> Adjustment:
+    """Adjust poses and points to what was seen: least sum of Huber costs of (u, v, disparity).
+
+    Levenberg-Marquardt steps on the cameras' normal equations, from which the points are eliminated (Schur
+    complement); a step that does not lower the cost is taken back. The cost never rises.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    T_world_camera : (K, 4, 4) float64
+        Poses to start from.
+    xyz : (M, 3) float64
+        Points to start from, m, in the world.
+    seen : Observations
+        At least one.
+    fixed : (K,) bool, optional
+        Poses that stay; by default the first, or none if points stay.
+    move_points : bool
+        Whether points are adjusted too.
+    huber : float
+        Standard deviations beyond which the cost is linear.
+    most_steps : int
+        Steps at most.
+
+    Returns
+    -------
+    Adjustment
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a value is not finite, or an observation names what is not there.
+    GeometryError
+        If the equations have no solution at any damping.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> xyz = np.random.default_rng(0).uniform((-1, -1, 3), (1, 1, 6), (30, 3))
+    >>> uv = xyz[:, :2] / xyz[:, 2:] * 500 + (320, 240)
+    >>> one, many = np.ones(30), np.arange(30)
+    >>> seen = Observations(0 * many, many, uv, 50 / xyz[:, 2], one, one)
+    >>> off = np.eye(4)[None].copy()
+    >>> off[0, 0, 3] = 0.2
+    >>> found = adjust(rig, off, xyz, seen, move_points=False)
+    >>> bool(np.abs(found.T_world_camera[0] - np.eye(4)).max() < 1e-6)
+    True
+    """
+    return _Problem(rig, T_world_camera, xyz, seen, fixed, move_points, huber).solve(most_steps)
+
+
+class _Problem:
+    """Poses, points and observations in the order that the kernels want, and the steps."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        T_world_camera: FloatArray,
+        xyz: FloatArray,
+        seen: Observations,
+        fixed: BoolArray | None,
+        moving: bool,
+        huber: float,
+    ) -> None:
+        T = real_array(T_world_camera, "bundle: poses", "(K, 4, 4)").astype(np.float64)
+        self.X = real_array(xyz, "bundle: xyz", "(M, 3)").astype(np.float64)
+        if T.ndim != 3 or T.shape[1:] != (4, 4) or self.X.ndim != 2 or self.X.shape[1] != 3:
+            raise InputError(f"bundle: poses, xyz have shapes {T.shape}, {self.X.shape}, expected (K, 4, 4), (M, 3)")
+        if not (np.isfinite(T).all() and np.isfinite(self.X).all() and huber > 0):
+            raise InputError(f"bundle: a pose or point is not finite, or huber, {huber}, not positive")
+        T_camera_world = inverse(T)
+        self.R, self.t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
+        self.moving, self.huber = moving, float(huber)
+        self.lens = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs], np.float64)
+        self._sort(_checked(seen, len(T), len(self.X)))
+        stays = _stays(fixed, len(T), moving)
+        self.row = np.where(stays, -1, np.cumsum(~stays) - 1).astype(np.int32)
+
+    def _sort(self, seen: Observations) -> None:
+        """Observations by point, then by camera."""
+        self.order = np.lexsort((seen.pose, seen.point))
+        self.pose, self.point = (np.ascontiguousarray(x[self.order], np.int32) for x in (seen.pose, seen.point))
+        self.start = np.searchsorted(self.point, np.arange(len(self.X) + 1)).astype(np.int64)
+        self.seen = np.column_stack([seen.uv, seen.disparity])[self.order]
+        self.information = np.column_stack([seen.sigma_uv, seen.sigma_disparity])[self.order] ** -2.0
+
+    def solve(self, most_steps: int) -> Adjustment:
+        before = cost = self._cost(self.R, self.t, self.X)
+        damping, steps = _FIRST_DAMPING, 0
+        count = 6 * int(self.row.max(initial=-1) + 1)
+        if count == 0 and not self.moving:
+            most_steps = 0
+        for _ in range(most_steps):
+            accepted, taken = False, cost
+            while damping <= _MOST:
+                proposal = self._propose(count, damping)
+                taken = self._cost(*proposal) if proposal else np.inf
+                if taken <= cost:
+                    self.R, self.t, self.X = proposal  # type: ignore[misc]
+                    damping, accepted = max(damping / 10, _LEAST), True
+                    break
+                damping *= 10
+            if not accepted:
+                break
+            steps += 1
+            done, cost = cost - taken <= _ENOUGH * cost, taken
+            if done:
+                break
+        if steps == 0 and most_steps and damping > _MOST and not np.isfinite(taken):
+            raise GeometryError("bundle: the equations have no solution, expected observations that fix the poses")
+        return self._adjustment(before, cost, steps)
+
+    def _propose(self, count: int, damping: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Poses and points after one step; None if the equations have no solution."""
+        from ._bundle import points_step, reduce
+
+        S, b = np.empty((count, count)), np.empty(count)
+        W, V, g = np.empty((len(self.pose), 6, 3)), np.empty((len(self.X), 3, 3)), np.empty_like(self.X)
+        state = (self.lens, self.R, self.t, self.X, self.pose, self.start, self.seen, self.information)
+        reduce(*state, self.huber, damping, self.row, self.moving, S, b, W, V, g)
+        x = _solved(S, b)
+        if x is None:
+            return None
+        step = np.zeros_like(self.X)
+        if self.moving:
+            points_step(self.pose, self.start, self.row, W, V, g, x, step)
+        R, t = self._moved(x)
+        return R, t, self.X + step
+
+    def _moved(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses after steps (ω, υ)."""
+        from scipy.spatial.transform import Rotation
+
+        R, t = self.R.copy(), self.t.copy()
+        free = np.flatnonzero(self.row >= 0)
+        if free.size:
+            steps = x.reshape(-1, 6)
+            turn = Rotation.from_rotvec(steps[:, :3]).as_matrix()
+            R[free] = turn @ self.R[free]
+            t[free] = (turn @ self.t[free, :, None])[..., 0] + steps[:, 3:]
+        return R, t
+
+    def _cost(self, R: FloatArray, t: FloatArray, X: FloatArray) -> float:
+        from ._bundle import cost
+
+        return float(cost(self.lens, R, t, X, self.pose, self.point, self.seen, self.information, self.huber))
+
+    def _adjustment(self, before: float, cost: float, steps: int) -> Adjustment:
+        from ._bundle import squares
+
+        found = np.empty(len(self.pose))
+        squares(self.lens, self.R, self.t, self.X, self.pose, self.point, self.seen, self.information, found)
+        distance = np.empty_like(found)
+        distance[self.order] = np.sqrt(found)
+        T = np.tile(np.eye(4), (len(self.R), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self.R, self.t
+        return Adjustment(inverse(T), self.X, before, cost, distance, steps)
+
+
+def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
+    """Solution of symmetric positive equations; None if they are not."""
+    from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+    if not len(b):
+        return b
+    try:
+        x: FloatArray = cho_solve(cho_factor(S, lower=True, check_finite=False), b, check_finite=False)
+    except (LinAlgError, ValueError):
+        return None
+    return x if np.isfinite(x).all() else None
+
+
+def _stays(fixed: BoolArray | None, count: int, moving: bool) -> BoolArray:
+    if fixed is None:
+        return (np.arange(count) == 0) & moving
+    stays = np.asarray(fixed)
+    if stays.shape != (count,) or stays.dtype != np.bool_:
+        raise InputError(f"bundle: fixed is {stays.dtype} of shape {stays.shape}, expected ({count},) bool")
+    return stays
+
+
+def _checked(seen: Observations, poses: int, points: int) -> Observations:
+    """Observations as arrays whose values are in their ranges."""
+    pose, point = np.asarray(seen.pose), np.asarray(seen.point)
+    uv, *rest = (
+        real_array(getattr(seen, name), f"bundle: {name}", "(O, ...)").astype(np.float64)
+        for name in ("uv", "disparity", "sigma_uv", "sigma_disparity")
+    )
+    n = len(pose) if pose.ndim == 1 else -1
+    if n < 1 or point.shape != (n,) or uv.shape != (n, 2) or any(values.shape != (n,) for values in rest):
+        shapes = [x.shape for x in (pose, point, uv, *rest)]
+        raise InputError(f"bundle: observations have shapes {shapes}, expected (O,), (O,), (O, 2), (O,), (O,), (O,)")
+    for what, index, count in (("pose", pose, poses), ("point", point, points)):
+        if index.dtype.kind not in "iu" or index.min() < 0 or index.max() >= count:
+            raise InputError(
+                f"bundle: {what} is {index.dtype} up to {index.max()}, expected integers, 0 to {count - 1}"
+            )
+    disparity, *sigmas = rest
+    if not np.isfinite(uv).all() or np.isinf(disparity).any() or not all((s > 0).all() for s in sigmas):
+        raise InputError("bundle: uv or disparity is not finite, or a sigma is not positive, expected px")
+    return Observations(pose, point, uv, disparity, *sigmas)

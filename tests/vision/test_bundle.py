@@ -1,0 +1,175 @@
+"""Bundle adjustment: exact on exact data, at the optimum that SciPy finds on noisy data, never worse than the start."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import tspslam
+from tspslam.errors import GeometryError, InputError
+from tspslam.vision.bundle import Observations, adjust
+from tspslam.vision.se3 import inverse
+
+RIG = tspslam.Rig(fx=400, fy=410, cx=320, cy=240, baseline=0.2, width=640, height=480, skew=1.5, doffs=4.0)
+
+
+def seen_by(T, xyz, noise=0.0, seed=0, bearings=0.0):
+    """All points seen by all cameras."""
+    rng = np.random.default_rng(seed)
+    pose, point = (index.ravel() for index in np.indices((len(T), len(xyz))))
+    p = np.einsum("kij,kj->ki", inverse(T)[pose, :3, :3], xyz[point]) + inverse(T)[pose, :3, 3]
+    x, y, z = p.T
+    uv = np.column_stack([RIG.cx + (RIG.fx * x + RIG.skew * y) / z, RIG.cy + RIG.fy * y / z])
+    disparity = RIG.fx * RIG.baseline / z - RIG.doffs
+    uv, disparity = uv + rng.normal(0, noise, uv.shape), disparity + rng.normal(0, noise / 2, len(z))
+    disparity[rng.random(len(z)) < bearings] = np.nan
+    one = np.ones(len(z))
+    return Observations(pose, point, uv, disparity, one, one / 2)
+
+
+def world(poses=5, points=40, seed=0):
+    rng = np.random.default_rng(seed)
+    T = np.tile(np.eye(4), (poses, 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(rng.normal(0, 0.05, (poses, 3))).as_matrix()
+    T[:, :3, 3] = np.outer(np.arange(poses), (0.1, 0, 0.4))
+    T[0] = np.eye(4)
+    return T, rng.uniform((-3, -2, 5), (3, 2, 12), (points, 3))
+
+
+def shaken(T, xyz, seed=1, far=0.05):
+    rng = np.random.default_rng(seed)
+    off = T.copy()
+    off[1:, :3, :3] = off[1:, :3, :3] @ Rotation.from_rotvec(rng.normal(0, far / 3, (len(T) - 1, 3))).as_matrix()
+    off[1:, :3, 3] += rng.normal(0, far, (len(T) - 1, 3))
+    return off, xyz + rng.normal(0, 3 * far, xyz.shape)
+
+
+def test_exact_sights_give_the_exact_world():
+    T, xyz = world()
+    found = adjust(RIG, *shaken(T, xyz), seen_by(T, xyz, bearings=0.3))
+    np.testing.assert_allclose(found.T_world_camera, T, atol=1e-7)
+    np.testing.assert_allclose(found.xyz, xyz, atol=1e-6)
+    assert found.cost < 1e-9 < found.cost_before
+    assert found.distance.max() < 1e-4
+
+
+@pytest.mark.parametrize("huber", [1e9, 1.0])
+def test_the_optimum_is_that_of_a_plain_solver(huber):
+    T, xyz = world(poses=3, points=12)
+    seen = seen_by(T, xyz, noise=1.0, bearings=0.2)
+    start = shaken(T, xyz, far=0.02)
+    ours = adjust(RIG, *start, seen, huber=huber, most_steps=60)
+
+    def unpacked(x):
+        poses = start[0].copy()
+        poses[1:, :3, :3] = Rotation.from_rotvec(x[:6].reshape(2, 3)).as_matrix() @ poses[1:, :3, :3]
+        poses[1:, :3, 3] = x[6:12].reshape(2, 3)
+        return poses, x[12:].reshape(-1, 3)
+
+    def lengths(x):
+        poses, points = unpacked(x)
+        there = seen_by(poses, points)
+        off = np.column_stack([there.uv - seen.uv, 2 * np.nan_to_num(there.disparity - seen.disparity)])
+        length = np.linalg.norm(off, axis=1)
+        shrunk = np.where(length > huber, np.sqrt(2 * huber * np.maximum(length, huber) - huber**2), length)
+        return (off * (shrunk / np.maximum(length, 1e-12))[:, None]).ravel()
+
+    x = np.concatenate([np.zeros(6), start[0][1:, :3, 3].ravel(), start[1].ravel()])
+    theirs = least_squares(lengths, x, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200)
+    assert ours.cost == pytest.approx(2 * theirs.cost, rel=1e-4)
+    np.testing.assert_allclose(ours.T_world_camera, unpacked(theirs.x)[0], atol=2e-3)
+
+
+def test_a_wild_sight_hardly_moves_the_result():
+    T, xyz = world()
+    seen = seen_by(T, xyz, noise=0.3)
+    seen.uv[7::31] += 80
+    found = adjust(RIG, *shaken(T, xyz), seen)
+    np.testing.assert_allclose(found.T_world_camera[:, :3, 3], T[:, :3, 3], atol=0.05)
+    assert (found.distance[7::31] > 50).all()
+    assert np.median(found.distance) < 2
+
+
+def test_fixed_poses_and_points_stay_to_the_bit():
+    T, xyz = world()
+    off, about = shaken(T, xyz)
+    seen = seen_by(T, xyz, noise=0.5)
+    fixed = np.array([True, False, True, False, False])
+    found = adjust(RIG, off, about, seen, fixed=fixed)
+    np.testing.assert_allclose(found.T_world_camera[fixed], off[fixed], atol=1e-15)
+    assert (found.T_world_camera[~fixed] != off[~fixed]).any(axis=(1, 2)).all()
+    only_poses = adjust(RIG, off, xyz, seen, move_points=False)
+    assert np.array_equal(only_poses.xyz, xyz)
+    np.testing.assert_allclose(only_poses.T_world_camera[:, :3, 3], T[:, :3, 3], atol=0.05)
+    only_points = adjust(RIG, T, about, seen, fixed=np.ones(5, bool))
+    np.testing.assert_allclose(only_points.T_world_camera, T, atol=1e-15)
+    assert np.linalg.norm(only_points.xyz - xyz, axis=1).mean() < 0.1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_cost_never_rises_and_the_order_of_sights_does_not_matter(seed):
+    T, xyz = world(seed=seed)
+    seen = seen_by(T, xyz, noise=2.0, seed=seed)
+    start = shaken(T, xyz, seed=seed, far=0.3)
+    found = adjust(RIG, *start, seen)
+    assert found.cost <= found.cost_before
+    mixed = np.random.default_rng(seed).permutation(len(seen.pose))
+    again = adjust(RIG, *start, Observations(*(getattr(seen, name)[mixed] for name in vars(seen))))
+    assert np.array_equal(found.T_world_camera, again.T_world_camera)
+    assert np.array_equal(found.distance[mixed], again.distance)
+
+
+def test_points_behind_a_camera_are_told_and_do_no_harm():
+    T, xyz = world()
+    xyz[3, 2] = -4
+    seen = seen_by(T, np.abs(xyz))
+    found = adjust(RIG, T, xyz, seen)
+    assert np.isfinite(found.T_world_camera).all()
+    assert np.isfinite(found.xyz).all()
+    assert np.isinf(found.distance[seen.point == 3]).any()
+
+
+def test_poses_that_nothing_fixes_are_an_error_or_stay():
+    T, xyz = world()
+    seen = seen_by(T, xyz)
+    alone = Observations(*(getattr(seen, name)[:1] for name in vars(seen)))
+    found = adjust(RIG, T, xyz, alone, fixed=np.zeros(5, bool), move_points=False)
+    assert np.isfinite(found.T_world_camera).all()
+
+
+def test_many_cameras_and_points_are_fast_enough_to_keep_up():
+    T, xyz = world(poses=10, points=1500)
+    seen, start = seen_by(T, xyz, noise=0.5), shaken(T, xyz, far=0.02)
+    assert adjust(RIG, *start, seen, most_steps=6).cost < 1.5 * 3 * len(seen.pose)
+
+
+GOOD = seen_by(*world(2, 5))
+BAD = {
+    "shapes": lambda: adjust(RIG, np.eye(4), np.zeros((5, 3)), GOOD),
+    "not finite, or huber": lambda: adjust(RIG, world(2)[0] * np.nan, world(2, 5)[1], GOOD),
+    "huber, -1": lambda: adjust(RIG, *world(2, 5), GOOD, huber=-1),
+    "observations have shapes": lambda: adjust(RIG, *world(2, 5), replace(uv=np.zeros((3, 2)))),
+    "point is int64 up to 4": lambda: adjust(RIG, *world(2, 4), GOOD),
+    "pose is float64": lambda: adjust(RIG, *world(2, 5), replace(pose=GOOD.pose * 1.0)),
+    "sigma is not positive": lambda: adjust(RIG, *world(2, 5), replace(sigma_uv=0 * GOOD.sigma_uv)),
+    "uv or disparity is not finite": lambda: adjust(RIG, *world(2, 5), replace(uv=GOOD.uv * np.inf)),
+    "fixed is int64": lambda: adjust(RIG, *world(2, 5), GOOD, fixed=np.zeros(2, int)),
+}
+
+
+def replace(**changes):
+    return Observations(**{**vars(GOOD), **changes})
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_input_gets_one_line(said):
+    with pytest.raises(InputError, match=said):
+        BAD[said]()
+
+
+def test_a_problem_without_solution_is_a_geometry_error(monkeypatch):
+    from tspslam.vision import bundle
+
+    monkeypatch.setattr(bundle, "_solved", lambda S, b: None)
+    with pytest.raises(GeometryError, match="no solution"):
+        adjust(RIG, *world(2, 5), GOOD)
