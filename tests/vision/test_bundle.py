@@ -80,6 +80,34 @@ def test_the_optimum_is_that_of_a_plain_solver(huber):
     np.testing.assert_allclose(ours.T_world_camera, unpacked(theirs.x)[0], atol=2e-3)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.5])
+def test_a_common_offset_of_disparities_is_found_from_motion(offset):
+    T, xyz = world(poses=8, points=300)
+    xyz[::2] *= 4  # near and far
+    seen = seen_by(T, xyz)
+    shifted = Observations(**{**vars(seen), "disparity": seen.disparity + offset})
+    exact = adjust(RIG, *shaken(T, xyz, far=0.02), shifted, offset_sigma=10.0, most_steps=50)
+    assert exact.offset == pytest.approx(offset, abs=1e-3)
+    np.testing.assert_allclose(exact.T_world_camera, T, atol=1e-4)
+    noisy = seen_by(T, xyz, noise=0.5, seed=3)
+    noisy = Observations(**{**vars(noisy), "disparity": noisy.disparity + offset})
+    found = adjust(RIG, *shaken(T, xyz, far=0.02), noisy, offset_sigma=1.0, most_steps=50)
+    assert abs(found.offset - offset) < 3 * found.offset_std
+    assert 0 < found.offset_std < 0.2
+    stays = adjust(RIG, *shaken(T, xyz, far=0.02), noisy, offset=offset)
+    assert (stays.offset, stays.offset_std) == (offset, 0.0)
+
+
+def test_a_still_camera_leaves_the_offset_where_it_was():
+    _, xyz = world()
+    T = np.tile(np.eye(4), (5, 1, 1))
+    seen = seen_by(T, xyz, noise=0.3)
+    shifted = Observations(**{**vars(seen), "disparity": seen.disparity + 0.4})
+    found = adjust(RIG, T, xyz, shifted, offset_sigma=0.5)
+    assert abs(found.offset) < 0.1
+    assert found.offset_std == pytest.approx(0.5, rel=0.1)
+
+
 def test_a_wild_sight_hardly_moves_the_result():
     T, xyz = world()
     seen = seen_by(T, xyz, noise=0.3)
@@ -153,6 +181,7 @@ BAD = {
     "pose is float64": lambda: adjust(RIG, *world(2, 5), replace(pose=GOOD.pose * 1.0)),
     "sigma is not positive": lambda: adjust(RIG, *world(2, 5), replace(sigma_uv=0 * GOOD.sigma_uv)),
     "uv or disparity is not finite": lambda: adjust(RIG, *world(2, 5), replace(uv=GOOD.uv * np.inf)),
+    "offset, offset_sigma": lambda: adjust(RIG, *world(2, 5), GOOD, offset_sigma=-1),
     "fixed is int64": lambda: adjust(RIG, *world(2, 5), GOOD, fixed=np.zeros(2, int)),
 }
 

@@ -156,7 +156,7 @@ def pair_by_number(
     left: Mapping[int, Path], right: Mapping[int, Path], stamps: Mapping[int, float], labels: tuple[str, str]
 ) -> Paired:
     """Pair images of one number that has a stamp. `labels` are the sides' names among the unpaired."""
-    both = [number for number in left if number in right and number in stamps]
+    both = {number: None for number in left if number in right and number in stamps}
     sides = zip(labels, (left, right), strict=True)
     lone = [f"{label}/{file.name}" for label, side in sides for number, file in side.items() if number not in both]
     times = np.array([stamps[number] for number in both], np.float64)

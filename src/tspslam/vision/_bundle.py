@@ -1,7 +1,8 @@
 """Compiled loops of bundle adjustment: normal equations with the points eliminated, back-substitution, cost.
 
 A point X is seen by a camera at ``p = R X + t`` as (u, v, d): its pixel and its disparity. A step turns and moves the
-camera: ``δp = ω × p + υ``. Observations are sorted by point; those of disparity NaN are bearings.
+camera: ``δp = ω × p + υ``. Observations are sorted by point; those of disparity NaN are bearings. Disparities may have
+one offset in common: ``d = fx B / z - doffs + offset``; `lens` is (fx, fy, cx, cy, skew, fx B, doffs, offset).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def _residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, 
     near = 1 / p[2]
     r[0] = seen[0] - (lens[2] + (lens[0] * p[0] + lens[4] * p[1]) * near)
     r[1] = seen[1] - (lens[3] + lens[1] * p[1] * near)
-    r[2] = 0.0 if np.isnan(seen[2]) else seen[2] - (lens[5] * near - lens[6])
+    r[2] = 0.0 if np.isnan(seen[2]) else seen[2] - (lens[5] * near - lens[6] + lens[7])
     return True
 
 
@@ -113,31 +114,41 @@ def _invert(A: Float64, B: Float64) -> bool:
 def reduce(
     lens: Float64, R: Float64, t: Float64, X: Float64, pose: Int32, start: Int64, seen: Float64, information: Float64,
     width: float, damping: float, row: Int32, moving: bool, S: Float64, b: Float64, W: Float64, V: Float64, g: Float64,
+    U: Float64,
 ) -> None:  # fmt: skip
     """Normal equations of the cameras that move, with the points eliminated (Schur complement).
 
     `row` numbers those cameras from 0, -1 for the others; `start` (M + 1,) bounds the observations of each point.
-    Fills S (6K, 6K) and b (6K,), and for the way back W (O, 6, 3), V (M, 3, 3) inverse, and g (M, 3). Points stay
-    where they are unless `moving`. Diagonals grow by the factor 1 + damping.
+    Fills S (6K, 6K) and b (6K,), with one row more where the offset of disparities is free; and for the way back
+    W (O, 6, 3), V (M, 3, 3) inverse, g (M, 3) and U (M, 3), the offset's part. Points stay where they are unless
+    `moving`. Diagonals grow by the factor 1 + damping.
     """
     p, r, J, G = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 3))
-    A, Y = np.empty((3, 3)), np.empty((6, 3))
+    A = np.empty((3, 3))
+    last = S.shape[0] - 1
+    has_offset = S.shape[0] % 6 == 1
     S[:], b[:] = 0, 0
     for m in range(X.shape[0]):
         A[:] = 0
-        g[m] = 0
+        g[m], U[m] = 0, 0
         for o in range(start[m], start[m + 1]):
             k = pose[o]
             W[o] = 0
             if not _residual(lens, R[k], t[k], X[m], seen[o], p, r):
                 continue
-            _jacobians(lens, R[k], p, not np.isnan(seen[o, 2]), J, G)
+            has_disparity = not np.isnan(seen[o, 2])
+            _jacobians(lens, R[k], p, has_disparity, J, G)
             weight = _huber(r, information[o], width)[1]
             w = weight * information[o, 0], weight * information[o, 0], weight * information[o, 1]
             for i in range(3):
                 for j in range(3):
                     A[i, j] += w[0] * G[0, i] * G[0, j] + w[1] * G[1, i] * G[1, j] + w[2] * G[2, i] * G[2, j]
                 g[m, i] += w[0] * G[0, i] * r[0] + w[1] * G[1, i] * r[1] + w[2] * G[2, i] * r[2]
+            if has_offset and has_disparity:
+                S[last, last] += w[2]
+                b[last] += w[2] * r[2]
+                for i in range(3):
+                    U[m, i] += w[2] * G[2, i]
             first = row[k] * 6
             if first < 0:
                 continue
@@ -149,6 +160,9 @@ def reduce(
                 for j in range(3):
                     W[o, i, j] = w[0] * J[0, i] * G[0, j] + w[1] * J[1, i] * G[1, j] + w[2] * J[2, i] * G[2, j]
                 b[first + i] += w[0] * J[0, i] * r[0] + w[1] * J[1, i] * r[1] + w[2] * J[2, i] * r[2]
+                if has_offset and has_disparity:
+                    S[first + i, last] += w[2] * J[2, i]
+                    S[last, first + i] += w[2] * J[2, i]
         for i in range(3):
             A[i, i] = A[i, i] * (1 + damping) + 1e-9
         if not moving or not _invert(A, V[m]):
@@ -156,34 +170,57 @@ def reduce(
     for i in range(S.shape[0]):
         S[i, i] = S[i, i] * (1 + damping) + 1e-9  # what nothing fixes stays
     if moving:
-        for m in range(X.shape[0]):
-            for o in range(start[m], start[m + 1]):
-                first = row[pose[o]] * 6
-                if first < 0:
+        _eliminate(pose, start, row, has_offset, S, b, W, V, g, U)
+
+
+@kernel
+def _eliminate(
+    pose: Int32, start: Int64, row: Int32, has_offset: bool, S: Float64, b: Float64, W: Float64, V: Float64, g: Float64,
+    U: Float64,
+) -> None:  # fmt: skip
+    """Take the points out of the equations: ``S - W V Wᵀ``, ``b - W V g``."""
+    Y, last = np.empty((6, 3)), S.shape[0] - 1
+    for m in range(V.shape[0]):
+        if has_offset:
+            for j in range(3):
+                Y[0, j] = U[m, 0] * V[m, 0, j] + U[m, 1] * V[m, 1, j] + U[m, 2] * V[m, 2, j]
+            b[last] -= Y[0, 0] * g[m, 0] + Y[0, 1] * g[m, 1] + Y[0, 2] * g[m, 2]
+            S[last, last] -= Y[0, 0] * U[m, 0] + Y[0, 1] * U[m, 1] + Y[0, 2] * U[m, 2]
+        for o in range(start[m], start[m + 1]):
+            first = row[pose[o]] * 6
+            if first < 0:
+                continue
+            for i in range(6):
+                for j in range(3):
+                    Y[i, j] = W[o, i, 0] * V[m, 0, j] + W[o, i, 1] * V[m, 1, j] + W[o, i, 2] * V[m, 2, j]
+                b[first + i] -= Y[i, 0] * g[m, 0] + Y[i, 1] * g[m, 1] + Y[i, 2] * g[m, 2]
+                if has_offset:
+                    shared = Y[i, 0] * U[m, 0] + Y[i, 1] * U[m, 1] + Y[i, 2] * U[m, 2]
+                    S[first + i, last] -= shared
+                    S[last, first + i] -= shared
+            for other in range(start[m], start[m + 1]):
+                second = row[pose[other]] * 6
+                if second < 0:
                     continue
                 for i in range(6):
-                    for j in range(3):
-                        Y[i, j] = W[o, i, 0] * V[m, 0, j] + W[o, i, 1] * V[m, 1, j] + W[o, i, 2] * V[m, 2, j]
-                    b[first + i] -= Y[i, 0] * g[m, 0] + Y[i, 1] * g[m, 1] + Y[i, 2] * g[m, 2]
-                for other in range(start[m], start[m + 1]):
-                    second = row[pose[other]] * 6
-                    if second < 0:
-                        continue
-                    for i in range(6):
-                        for j in range(6):
-                            S[first + i, second + j] -= (
-                                Y[i, 0] * W[other, j, 0] + Y[i, 1] * W[other, j, 1] + Y[i, 2] * W[other, j, 2]
-                            )
+                    for j in range(6):
+                        S[first + i, second + j] -= (
+                            Y[i, 0] * W[other, j, 0] + Y[i, 1] * W[other, j, 1] + Y[i, 2] * W[other, j, 2]
+                        )
 
 
 @kernel
 def points_step(
-    pose: Int32, start: Int64, row: Int32, W: Float64, V: Float64, g: Float64, x: Float64, step: Float64
+    pose: Int32, start: Int64, row: Int32, W: Float64, V: Float64, g: Float64, U: Float64, x: Float64, step: Float64
 ) -> None:
-    """Steps of the points (M, 3) that go with the steps `x` (6K,) of the cameras."""
+    """Steps of the points (M, 3) that go with the steps `x` of the cameras and of the offset."""
     rest = np.empty(3)
+    has_offset = x.shape[0] % 6 == 1
     for m in range(step.shape[0]):
         rest[:] = g[m]
+        if has_offset:
+            for j in range(3):
+                rest[j] -= U[m, j] * x[-1]
         for o in range(start[m], start[m + 1]):
             first = row[pose[o]] * 6
             if first < 0:

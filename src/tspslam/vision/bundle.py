@@ -57,6 +57,9 @@ class Adjustment:
         Length of each residual, standard deviations; infinity where the point is behind the camera.
     steps : int
         Steps taken.
+    offset, offset_std : float
+        Offset that all disparities have in common, measured less true, px, and its standard deviation; 0 unless asked
+        for.
     """
 
     T_world_camera: FloatArray
@@ -65,6 +68,8 @@ class Adjustment:
     cost: float
     distance: FloatArray
     steps: int
+    offset: float = 0.0
+    offset_std: float = 0.0
 
 
 def adjust(
@@ -77,6 +82,8 @@ def adjust(
     move_points: bool = True,
     huber: float = 2.5,
     most_steps: int = 20,
+    offset: float = 0.0,
+    offset_sigma: float | None = None,
 ) -> Adjustment:
     """Adjust poses and points to what was seen: least sum of Huber costs of (u, v, disparity).
 
@@ -101,6 +108,11 @@ def adjust(
         Standard deviations beyond which the cost is linear.
     most_steps : int
         Steps at most.
+    offset : float
+        Offset of all disparities to start from, measured less true, px.
+    offset_sigma : float, optional
+        Find the offset too, which before the sights is 0 with this standard deviation, px. A camera that moves sees
+        it: near and far points then ask for different motions. By default it stays.
 
     Returns
     -------
@@ -126,7 +138,12 @@ def adjust(
     >>> bool(np.abs(found.T_world_camera[0] - np.eye(4)).max() < 1e-6)
     True
     """
-    return _Problem(rig, T_world_camera, xyz, seen, fixed, move_points, huber).solve(most_steps)
+    problem = _Problem(rig, T_world_camera, xyz, seen, fixed, move_points, huber)
+    problem.set_offset(offset, offset_sigma)
+    return problem.solve(most_steps)
+
+
+_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # R, t, X, lens
 
 
 class _Problem:
@@ -151,7 +168,9 @@ class _Problem:
         T_camera_world = inverse(T)
         self.R, self.t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
         self.moving, self.huber = moving, float(huber)
-        self.lens = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs], np.float64)
+        self.lens = np.array(
+            [rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64
+        )
         self._sort(_checked(seen, len(T), len(self.X)))
         stays = _stays(fixed, len(T), moving)
         self.row = np.where(stays, -1, np.cumsum(~stays) - 1).astype(np.int32)
@@ -164,68 +183,95 @@ class _Problem:
         self.seen = np.column_stack([seen.uv, seen.disparity])[self.order]
         self.information = np.column_stack([seen.sigma_uv, seen.sigma_disparity])[self.order] ** -2.0
 
+    def set_offset(self, offset: float, sigma: float | None) -> None:
+        """Where the offset of disparities starts, and how far from 0 it may be."""
+        if not (abs(offset) < 1e3 and (sigma is None or 0 < sigma < 1e3)):
+            raise InputError(f"bundle: offset, offset_sigma are {offset}, {sigma}, expected px, the latter positive")
+        self.lens[7] = offset
+        self.prior = 0.0 if sigma is None else sigma**-2.0
+
     def solve(self, most_steps: int) -> Adjustment:
-        before = cost = self._cost(self.R, self.t, self.X)
+        state = self.R, self.t, self.X, self.lens
+        before = cost = self._cost(state)
         damping, steps = _FIRST_DAMPING, 0
-        count = 6 * int(self.row.max(initial=-1) + 1)
-        if count == 0 and not self.moving:
-            most_steps = 0
-        for _ in range(most_steps):
-            accepted, taken = False, cost
-            while damping <= _MOST:
-                proposal = self._propose(count, damping)
-                taken = self._cost(*proposal) if proposal else np.inf
-                if taken <= cost:
-                    self.R, self.t, self.X = proposal  # type: ignore[misc]
-                    damping, accepted = max(damping / 10, _LEAST), True
-                    break
-                damping *= 10
-            if not accepted:
+        count = 6 * int(self.row.max(initial=-1) + 1) + bool(self.prior)
+        for _ in range(most_steps if count or self.moving else 0):
+            proposal, taken, damping = self._descend(state, cost, count, damping)
+            if proposal is None:
                 break
-            steps += 1
+            state, steps = proposal, steps + 1
             done, cost = cost - taken <= _ENOUGH * cost, taken
             if done:
                 break
-        if steps == 0 and most_steps and damping > _MOST and not np.isfinite(taken):
+        self.R, self.t, self.X, self.lens = state
+        return self._adjustment(before, cost, steps, count)
+
+    def _descend(self, state: _State, cost: float, count: int, damping: float) -> tuple[_State | None, float, float]:
+        """The first step, with more and more damping, that does not raise the cost; its cost; the next damping."""
+        solvable = False
+        while damping <= _MOST:
+            proposal = self._propose(state, count, damping)
+            if proposal is not None:
+                solvable, taken = True, self._cost(proposal)
+                if taken <= cost:
+                    return proposal, taken, max(damping / 10, _LEAST)
+            damping *= 10
+        if not solvable:
             raise GeometryError("bundle: the equations have no solution, expected observations that fix the poses")
-        return self._adjustment(before, cost, steps)
+        return None, cost, damping
 
-    def _propose(self, count: int, damping: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Poses and points after one step; None if the equations have no solution."""
-        from ._bundle import points_step, reduce
+    def _propose(self, state: _State, count: int, damping: float) -> _State | None:
+        """Poses, points and lens after one step; None if the equations have no solution."""
+        from ._bundle import points_step
 
-        S, b = np.empty((count, count)), np.empty(count)
-        W, V, g = np.empty((len(self.pose), 6, 3)), np.empty((len(self.X), 3, 3)), np.empty_like(self.X)
-        state = (self.lens, self.R, self.t, self.X, self.pose, self.start, self.seen, self.information)
-        reduce(*state, self.huber, damping, self.row, self.moving, S, b, W, V, g)
+        S, b, parts = self._equations(state, count, damping)
         x = _solved(S, b)
         if x is None:
             return None
-        step = np.zeros_like(self.X)
+        R, t, X, lens = state
+        step, after = np.zeros_like(X), lens.copy()
         if self.moving:
-            points_step(self.pose, self.start, self.row, W, V, g, x, step)
-        R, t = self._moved(x)
-        return R, t, self.X + step
+            points_step(self.pose, self.start, self.row, *parts, x, step)
+        if self.prior:
+            after[7] += x[-1]
+        return (*self._moved(R, t, x), X + step, after)
 
-    def _moved(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _equations(
+        self, state: _State, count: int, damping: float
+    ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+        """Reduced normal equations, and what the way back to the points needs."""
+        from ._bundle import reduce
+
+        R, t, X, lens = state
+        S, b = np.empty((count, count)), np.empty(count)
+        parts = np.empty((len(self.pose), 6, 3)), np.empty((len(X), 3, 3)), np.empty_like(X), np.empty_like(X)
+        sights = self.pose, self.start, self.seen, self.information
+        reduce(lens, R, t, X, *sights, self.huber, damping, self.row, self.moving, S, b, *parts)
+        if self.prior:
+            S[-1, -1] += self.prior
+            b[-1] -= self.prior * lens[7]
+        return S, b, parts
+
+    def _moved(self, R: FloatArray, t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Poses after steps (ω, υ)."""
         from scipy.spatial.transform import Rotation
 
-        R, t = self.R.copy(), self.t.copy()
-        free = np.flatnonzero(self.row >= 0)
+        R, t, free = R.copy(), t.copy(), np.flatnonzero(self.row >= 0)
         if free.size:
-            steps = x.reshape(-1, 6)
+            steps = x[: 6 * free.size].reshape(-1, 6)
             turn = Rotation.from_rotvec(steps[:, :3]).as_matrix()
-            R[free] = turn @ self.R[free]
-            t[free] = (turn @ self.t[free, :, None])[..., 0] + steps[:, 3:]
+            R[free] = turn @ R[free]
+            t[free] = (turn @ t[free, :, None])[..., 0] + steps[:, 3:]
         return R, t
 
-    def _cost(self, R: FloatArray, t: FloatArray, X: FloatArray) -> float:
+    def _cost(self, state: _State) -> float:
         from ._bundle import cost
 
-        return float(cost(self.lens, R, t, X, self.pose, self.point, self.seen, self.information, self.huber))
+        R, t, X, lens = state
+        total = cost(lens, R, t, X, self.pose, self.point, self.seen, self.information, self.huber)
+        return float(total + self.prior * lens[7] ** 2)
 
-    def _adjustment(self, before: float, cost: float, steps: int) -> Adjustment:
+    def _adjustment(self, before: float, cost: float, steps: int, count: int) -> Adjustment:
         from ._bundle import squares
 
         found = np.empty(len(self.pose))
@@ -234,7 +280,16 @@ class _Problem:
         distance[self.order] = np.sqrt(found)
         T = np.tile(np.eye(4), (len(self.R), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.R, self.t
-        return Adjustment(inverse(T), self.X, before, cost, distance, steps)
+        std = self._offset_std(count) if self.prior else 0.0
+        return Adjustment(inverse(T), self.X, before, cost, distance, steps, float(self.lens[7]), std)
+
+    def _offset_std(self, count: int) -> float:
+        """Standard deviation of the offset: from the inverse of the reduced equations."""
+        S, b, _ = self._equations((self.R, self.t, self.X, self.lens), count, 0.0)
+        b[:] = 0
+        b[-1] = 1
+        x = _solved(S, b)
+        return float(self.prior**-0.5) if x is None or not x[-1] > 0 else float(x[-1] ** 0.5)
 
 
 def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
