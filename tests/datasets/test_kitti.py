@@ -142,7 +142,7 @@ def test_colour_cameras_give_their_own_baseline_and_place(tmp_path: Path) -> Non
 def test_a_colour_camera_far_off_the_row_is_refused(tmp_path: Path) -> None:
     odometry(tmp_path, NAMES, NAMES, "23")
     (tmp_path / "calib.txt").write_text(ODOMETRY + COLOUR.replace("24 0.36", "24 9.0"))
-    with pytest.raises(InputError, match="P3 is .* m off P2 in y and z"):
+    with pytest.raises(InputError, match=r"P3 is .* m off P2 in y and z"):
         KittiSequence(tmp_path, colour=True)
     (tmp_path / "calib.txt").write_text(ODOMETRY)
     with pytest.raises(InputError, match="lacks P2"):
@@ -202,7 +202,7 @@ def test_bad_poses_are_refused(tmp_path: Path, text: str, said: str) -> None:
     [
         ("0\n0.1\n0.1\n", "stamp 3 is 0.1.* expected stamps in seconds that increase"),
         ("0\n100000000\n200000000\n", r"read as seconds, are 1e\+08 s apart in the median; expected seconds"),
-        ("0\n1e-7\n2e-7\n", "are 1e-07 s apart"),
+        ("0\n1e-7\n2e-7\n", "read as seconds, are 1e-07 s apart"),
         ("0 1\n", "line 1 has 2 values"),
         ("noon\n", "line 1 has 'noon'"),
     ],
@@ -248,7 +248,7 @@ def test_names_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_no_pair_is_an_error(tmp_path: Path) -> None:
     odometry(tmp_path, ["0.png"], ["1.png"])
-    with pytest.raises(InputError, match="has no pair of images .2 without partner"):
+    with pytest.raises(InputError, match=r"has no pair of images \(2 without partner"):
         KittiSequence(tmp_path)
 
 
@@ -261,7 +261,7 @@ def test_other_files_are_passed_over(tmp_path: Path) -> None:
 
 def test_a_drive_pairs_by_stamp_and_its_size_tells_that_it_is_rectified(tmp_path: Path) -> None:
     folder = drive(tmp_path / "drive", [1, 2, 3], (60, 40))
-    (folder / "image_01" / "timestamps.txt").write_text(dates([35.11, 35.19, 35.27, 35.41, 35.5]))
+    (folder / "image_01" / "timestamps.txt").write_text(dates([35, 35.11, 35.24, 35.31, 35.4]))
     sequence = KittiSequence(folder)
     assert sequence.rig == Rig(fx=50, fy=50, cx=30, cy=20, baseline=0.5, width=60, height=40)
     assert [(pair.left[0, 0], pair.right[0, 0]) for pair in sequence] == [(0, 0), (2, 2)]
@@ -317,7 +317,7 @@ def test_times_of_a_drive_that_are_no_dates_are_refused(tmp_path: Path, text: st
 def test_a_drive_without_a_common_stamp_is_refused(tmp_path: Path) -> None:
     drive(tmp_path, [0, 1])
     (tmp_path / "image_01" / "timestamps.txt").write_text(dates([50, 51]))
-    with pytest.raises(InputError, match="has no pair of images .4 without"):
+    with pytest.raises(InputError, match=r"has no pair of images \(4 without"):
         KittiSequence(tmp_path)
 
 

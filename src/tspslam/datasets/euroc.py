@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import PathLike
+from .._files import PathLike, bad_input
 from ..errors import InputError
 from ..types import FloatArray, Rig, StereoPair
 from ..vision.formats import read_calibration
@@ -131,6 +131,8 @@ def _listed(camera: Path) -> tuple[dict[int, Path], list[str]]:
     rows = [(whole(path, row, row[1][0], _LISTED), row[1][1]) for row in table(path, _LISTED, ",", (2,))]
     check_stamps(path, seconds([stamp for stamp, _ in rows]), "nanoseconds")
     named = dict.fromkeys(name for _, name in rows)
+    if len(named) < len(rows):
+        raise bad_input(path, "has a file name twice", _LISTED)
     lone = [f"{camera.name}/{name}" for name in (*named, *files) if (name in named) != (name in files)]
     return {stamp: files[name] for stamp, name in rows if name in files}, lone
 

@@ -34,6 +34,40 @@ def inverse(T: FloatArray) -> FloatArray:
     return back
 
 
+def normalised(T: FloatArray) -> FloatArray:
+    """Nearest rigid motions to (..., 4, 4) matrices that are ones but for rounding.
+
+    Products of inverses double the rounding of a rotation at each step; this takes it out.
+
+    Examples
+    --------
+    >>> bool(np.allclose(normalised(np.diag([1.001, 1.0, 1.0, 1.0])), np.eye(4)))
+    True
+    """
+    U, _, Vt = np.linalg.svd(T[..., :3, :3])
+    exact = T.copy()
+    exact[..., :3, :3] = U @ Vt
+    return exact
+
+
+def repeated(T: FloatArray, times: float) -> FloatArray:
+    """Motion (4, 4) done so many times: its rotation vector and its translation times a number.
+
+    Examples
+    --------
+    >>> T = np.eye(4)
+    >>> T[:3, 3] = 0, 0, 2
+    >>> repeated(T, 1.5)[2, 3].tolist()
+    3.0
+    """
+    from scipy.spatial.transform import Rotation
+
+    more = np.eye(4)
+    more[:3, :3] = Rotation.from_rotvec(times * Rotation.from_matrix(T[:3, :3]).as_rotvec()).as_matrix()
+    more[:3, 3] = times * T[:3, 3]
+    return more
+
+
 def rotation_angle(R: FloatArray) -> FloatArray:
     """Angle of rotations, (...,) rad in [0, π], exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
 

@@ -1,0 +1,183 @@
+"""The path through synthetic worlds is the true one; what goes wrong with frames is survived and told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam import GeometryError, InputError, Trajectory, evaluate_trajectory
+from tspslam.datasets import synthetic
+from tspslam.vision.mapping import OffsetFilter
+from tspslam.vision.odometry import Odometry
+from tspslam.vision.orb import OrbDetector
+from tspslam.vision.scale_space import SiftDetector
+from tspslam.vision.tracking import Landmarks, Sight, _searched, locate
+
+RIG = synthetic.PAPER_RIG
+DETECTOR = OrbDetector(count=800)
+
+
+def drive(sequence, **options):
+    odometry = Odometry(sequence.rig, detector=DETECTOR, **options)
+    return odometry, [odometry.process(pair) for pair in sequence]
+
+
+def errors(odometry, sequence):
+    return evaluate_trajectory(odometry.trajectory, Trajectory(sequence.stamps, sequence.truth))
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    return synthetic.SyntheticSequence(synthetic.corridor(14.0), RIG, synthetic.Faults(noise=0.01, blur=0.4))
+
+
+@pytest.fixture(scope="module")
+def walked(corridor):
+    return drive(corridor)
+
+
+def test_a_walk_down_a_corridor_is_found_to_three_in_a_thousand(corridor, walked):
+    odometry, tracked = walked
+    found = errors(odometry, corridor)
+    assert found.ate_rmse_m < 0.003 * 14
+    assert found.matched == len(corridor)
+    assert not any(one.is_lost for one in tracked)
+    assert tracked[0].is_keyframe
+    assert np.array_equal(odometry.trajectory.stamp, corridor.stamps)
+
+
+def test_the_covariance_is_that_of_the_errors_of_a_step(corridor, walked):
+    odometry, tracked = walked
+    estimate, truth = odometry.trajectory.T_world_camera, corridor.truth
+    steps = [np.linalg.inv(np.linalg.inv(T[:-1]) @ T[1:]) for T in (estimate, truth)]
+    off = np.linalg.norm((steps[0] - steps[1])[:, :3, 3], axis=1)
+    said = np.array([np.sqrt(np.trace(one.covariance[3:, 3:])) for one in tracked[1:]])
+    assert 0.2 < np.median(off) / np.median(said) < 5
+
+
+def test_two_runs_give_the_same_bytes(corridor, walked):
+    again, _ = drive(corridor)
+    assert again.trajectory.T_world_camera.tobytes() == walked[0].trajectory.T_world_camera.tobytes()
+    assert again.disparity_offset == walked[0].disparity_offset
+
+
+@pytest.mark.parametrize("shift", [0.4, -0.3])
+def test_an_offset_of_the_calibration_is_found_from_the_motion(corridor, shift):
+    faults = synthetic.Faults(noise=0.005, right_shift=(shift, 0.0))
+    sequence = synthetic.SyntheticSequence(corridor.scene, RIG, faults)
+    odometry, _ = drive(sequence)
+    offset, std = odometry.disparity_offset
+    assert offset == pytest.approx(-shift, abs=max(0.1, 3 * std))
+    blind, _ = drive(sequence, sigma_offset=1e-3)
+    assert errors(odometry, sequence).ate_rmse_m < 0.6 * errors(blind, sequence).ate_rmse_m
+
+
+def test_a_still_camera_does_not_drift():
+    sequence = synthetic.SyntheticSequence(synthetic.still(12), RIG, synthetic.Faults(noise=0.01))
+    odometry, tracked = drive(sequence)
+    assert np.abs(odometry.trajectory.T_world_camera[:, :3, 3]).max() < 0.002
+    assert sum(one.is_keyframe for one in tracked) <= 2
+
+
+@pytest.mark.parametrize("spoil", ["black", "right missing"])
+def test_a_bad_frame_is_told_and_the_path_goes_on(corridor, spoil):
+    odometry = Odometry(RIG, detector=DETECTOR)
+    tracked = []
+    for k, pair in enumerate(corridor):
+        if k in (8, 9):
+            black = np.zeros_like(pair.left)
+            pair = replace(pair, right=black, left=black if spoil == "black" else pair.left)
+        tracked.append(odometry.process(pair))
+    assert [k for k, one in enumerate(tracked) if one.is_lost] == ([8, 9] if spoil == "black" else [])
+    assert all(np.isinf(tracked[k].covariance).all() for k in (8, 9) if spoil == "black")
+    assert errors(odometry, corridor).ate_rmse_m < 0.01 * 14
+
+
+def test_dropped_frames_are_bridged(corridor):
+    faults = synthetic.Faults(noise=0.01, dropped=(9, 10, 11))
+    sequence = synthetic.SyntheticSequence(corridor.scene, RIG, faults)
+    odometry, tracked = drive(sequence)
+    assert not any(one.is_lost for one in tracked)
+    assert errors(odometry, sequence).ate_rmse_m < 0.01 * 14
+
+
+def test_pairs_that_do_not_belong_are_refused(corridor):
+    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry.process(corridor[0])
+    with pytest.raises(InputError, match="expected later than"):
+        odometry.process(corridor[0])
+    with pytest.raises(InputError, match="expected the odometry's"):
+        odometry.process(replace(corridor[1], rig=replace(RIG, baseline=0.3)))
+    black = np.zeros_like(corridor[0].left)
+    with pytest.raises(GeometryError, match="0 points to begin with"):
+        Odometry(RIG).process(replace(corridor[0], left=black, right=black))
+    with pytest.raises(InputError, match="window, sigma_disparity"):
+        Odometry(RIG, window=1)
+    with_floats = Odometry(RIG, detector=SiftDetector(count=200))
+    with pytest.raises(InputError, match="descriptors are float32"):
+        with_floats.process(corridor[0])
+
+
+def scattered(seed=0, n=300, m=200):
+    """Keypoints, and landmarks of which most are seen at one of them."""
+    rng = np.random.default_rng(seed)
+    uv = rng.uniform((0, 0), (511, 383), (n, 2))
+    words = rng.integers(0, 1 << 63, (n, 4)).astype(np.uint64)
+    z = rng.uniform(2, 9, n)
+    sight = Sight(uv, words, RIG.fx * RIG.baseline / z, rng.choice([1.0, 1.2, 1.44], n))
+    rows = rng.permutation(n)[:m]
+    x, y = (uv[rows] - (RIG.cx, RIG.cy)).T / RIG.fx
+    xyz = np.column_stack([x, y, np.ones(m)]) * z[rows, None]
+    flips = np.uint64(1) << rng.integers(0, 64, (m, 4)).astype(np.uint64)
+    return sight, Landmarks(xyz, words[rows] ^ flips, sight.scale[rows]), rows
+
+
+def test_the_search_finds_what_a_plain_search_finds():
+    sight, landmarks, rows = scattered()
+    places = sight.uv[rows] + np.random.default_rng(1).uniform(-9, 9, (len(rows), 2))
+    found, keypoint = _searched(sight, landmarks, np.arange(len(rows)), places, 10.0)
+    expected = {}
+    for p in range(len(rows)):
+        near = (np.abs(sight.uv - places[p]) <= 10 * landmarks.scale[p]).all(axis=1)
+        near &= np.maximum(sight.scale / landmarks.scale[p], landmarks.scale[p] / sight.scale) < 1.7
+        bits = np.array([sum(bin(int(w)).count("1") for w in row) for row in sight.words ^ landmarks.words[p]])
+        order = np.lexsort((np.arange(len(bits)), np.where(near, bits, 1000)))
+        if near.any() and bits[order[0]] <= 64 and (near.sum() == 1 or bits[order[0]] <= 0.9 * bits[order[1]]):
+            expected[p] = order[0]
+    assert dict(zip(found.tolist(), keypoint.tolist(), strict=True)) == expected
+    assert len(expected) > 150
+    assert all(rows[p] == k for p, k in expected.items())
+
+
+@pytest.mark.parametrize("away", [0.02, 0.3, 5.0])
+def test_a_pose_is_found_from_a_guess_near_or_far(away):
+    sight, landmarks, _ = scattered()
+    guess = synthetic.shapes.pose_at((away, 0, -away), (0, away / 5, 0))
+    fix = locate(RIG, sight, landmarks, guess, sigma_disparity=0.3)
+    assert fix is not None
+    np.testing.assert_allclose(fix.T_world_camera, np.eye(4), atol=1e-6)
+    assert len(fix) > 150
+
+
+def test_nothing_in_common_gives_no_pose():
+    sight, landmarks, _ = scattered()
+    rng = np.random.default_rng(9)
+    strangers = replace(landmarks, words=rng.integers(0, 1 << 63, landmarks.words.shape).astype(np.uint64))
+    assert locate(RIG, sight, strangers, np.eye(4), sigma_disparity=0.3) is None
+    assert (
+        locate(RIG, sight, Landmarks(*(x[:5] for x in vars(landmarks).values())), np.eye(4), sigma_disparity=1) is None
+    )
+
+
+def test_the_offset_is_the_weighed_mean_of_the_windows():
+    offset = OffsetFilter(0.3, window=4)
+    assert (offset.value, offset.std) == (0.0, pytest.approx(0.3))
+    rng = np.random.default_rng(0)
+    for _ in range(400):
+        measured = 0.2 + rng.normal(0, 0.05)
+        information = 0.05**-2 + 0.3**-2  # a window begins at the same 0 ± 0.3
+        offset.update(measured * 0.05**-2 / information, information**-0.5)
+    assert offset.value == pytest.approx(0.2, abs=0.01)
+    assert offset.std == pytest.approx(0.05 * (4 / 400) ** 0.5, rel=0.05)
+    offset.update(5.0, 0.3)  # a window that saw nothing
+    assert offset.value == pytest.approx(0.2, abs=0.01)
