@@ -220,6 +220,10 @@ BAD = {
     "street: length, step": lambda: syn.street(-3),
     "corridor: length, step": lambda: syn.corridor(3, step=0),
     "room: laps, frames": lambda: syn.room(laps=0),
+    "texture: seed": lambda: syn.Texture(seed=-1),
+    "sequence: seed": lambda: syn.SyntheticSequence(syn.still(1), seed=0.5),
+    "street: seed": lambda: syn.street(20, seed=-1),
+    "have no face": lambda: syn.Scene((syn.Shape("s", np.eye(3), np.zeros((0, 3), int)),)),
     "still: frames, depth": lambda: syn.still(0),
 }
 

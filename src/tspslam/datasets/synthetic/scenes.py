@@ -9,7 +9,7 @@ import numpy as np
 from ...errors import InputError
 from ...types import FloatArray
 from .shapes import Scene, Shape, box, plane, pose_at, sphere, torus
-from .texture import Texture
+from .texture import Texture, check_seed
 
 _FLAT = np.pi / 2  # turns a plane that faces the camera into a floor
 _LONGEST = 10_000.0  # m
@@ -38,6 +38,7 @@ def street(length: float = 300.0, *, step: float = 1.0, seed: int = 0) -> Scene:
     21
     """
     along = _stations("street", length, step)
+    check_seed(seed, "street")
     rng = np.random.default_rng((1, seed))
     bend = _bend(12.0, 180.0)
     ahead = length + 80
@@ -68,6 +69,7 @@ def corridor(length: float = 300.0, *, step: float = 0.5, seed: int = 0) -> Scen
     (21, 4, 4)
     """
     along = _stations("corridor", length, step)
+    check_seed(seed, "corridor")
     rng = np.random.default_rng((2, seed))
     middle, span = length / 2, length + 60
     sides = (
@@ -113,6 +115,7 @@ def room(*, laps: float = 1.0, frames: int = 240, seed: int = 0) -> Scene:
     """
     if not (0 < laps <= 100 and 8 <= frames <= 100_000):
         raise InputError(f"room: laps, frames are {laps}, {frames}, expected up to 100, and 8 to 100000")
+    check_seed(seed, "room")
     rng = np.random.default_rng((3, seed))
     walls = _walls(rng, 12.0, 9.0)
     things = _furniture(rng)
@@ -141,6 +144,7 @@ def still(frames: int = 200, *, depth: float = 3.0, seed: int = 0) -> Scene:
     """
     if not (1 <= frames <= 100_000 and 0.5 <= depth <= 1000):
         raise InputError(f"still: frames, depth are {frames}, {depth}, expected 1 to 100000 and 0.5 to 1000 m")
+    check_seed(seed, "still")
     rng = np.random.default_rng((4, seed))
     texel = depth / 500
     wall = plane(4 * depth, 4 * depth, texture=_random(rng, 0.5, 0.9, texel=texel), name="wall").at(0, 0, depth)

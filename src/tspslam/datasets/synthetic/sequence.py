@@ -15,6 +15,7 @@ from ...errors import InputError
 from ...types import FloatArray, Rig, StereoPair
 from .render import Geometry, Renderer
 from .shapes import Scene, finite, pose_at
+from .texture import check_seed
 
 PAPER_RIG = Rig(fx=387.77, fy=387.77, cx=257.446, cy=197.718, baseline=0.24, width=512, height=384)
 """The camera of the paper's data."""
@@ -127,6 +128,7 @@ class SyntheticSequence:
         self, scene: Scene, rig: Rig = PAPER_RIG, faults: Faults | None = None, *, seed: int = 0, rate: float = 10.0
     ) -> None:
         self.scene, self.rig, self.faults, self._seed = scene, rig, faults or Faults(), seed
+        check_seed(seed, "sequence")
         if not 1e-3 <= rate <= 1e6:
             raise InputError(f"sequence: rate is {rate}, expected frames a second, 1e-3 to 1e6")
         count = len(scene.path)
@@ -134,7 +136,7 @@ class SyntheticSequence:
         if not dropped <= set(range(count)) or len(dropped) == count:
             raise InputError(f"sequence: dropped frames {sorted(dropped)[:3]} ..., expected some of 0 to {count - 1}")
         stops = np.atleast_1d(self.faults.exposure)
-        if isinstance(self.faults.exposure, tuple) and len(stops) != count:
+        if np.ndim(self.faults.exposure) and len(stops) != count:
             raise InputError(f"sequence: exposure has {len(stops)} values, expected one for each of {count} frames")
         self.indices = np.array([k for k in range(count) if k not in dropped], np.int64)
         self.stamps = self.indices / rate
@@ -195,6 +197,6 @@ class SyntheticSequence:
 
     def _stops(self, index: int) -> float:
         exposure = self.faults.exposure
-        if isinstance(exposure, tuple):
-            return exposure[index]
+        if np.ndim(exposure):
+            return float(np.asarray(exposure)[index])
         return float(np.random.default_rng((self._seed, index, 2)).normal(0, exposure)) if exposure else 0.0

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...types import FloatArray, real_array
-from .texture import Texture
+from .texture import Texture, check_seed
 
 _FARTHEST = 1e6  # m
 _MOST_FACES = 2_000_000
@@ -121,6 +121,9 @@ class Scene:
         if not self.shapes or not all(isinstance(shape, Shape) for shape in self.shapes):
             raise InputError(f"scene {self.name}: has {len(self.shapes)} shapes, expected one Shape or more")
         path = finite(self.path, f"scene {self.name}: path", (None, 4, 4))
+        check_seed(self.leaves, f"scene {self.name}")
+        if not any(len(shape.faces) for shape in self.shapes):
+            raise InputError(f"scene {self.name}: its shapes have no face, expected one or more")
         if not len(path) or not 0 <= self.background <= 1:
             raise InputError(
                 f"scene {self.name}: {len(path)} poses, background {self.background}, expected one pose or more, 0 to 1"

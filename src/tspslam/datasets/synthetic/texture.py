@@ -56,6 +56,7 @@ class Texture:
     image: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
+        check_seed(self.seed, "texture")
         if not (0 <= self.brightness <= 1 and 0 <= self.contrast <= 4 and 1e-6 <= self.texel <= 1e6):
             raise InputError(
                 f"texture: brightness, contrast, texel are {self.brightness}, {self.contrast}, {self.texel}, "
@@ -77,6 +78,12 @@ class Texture:
         # the mean of two layers has 1 / √2 of the contrast of one
         look = (self.brightness * shade, 2**0.5 * self.contrast * shade)
         return np.array([per_metre, fine_s, fine_t, *look, per_metre / _COARSER, coarse_s, coarse_t])
+
+
+def check_seed(seed: int, what: str) -> None:
+    """Refuse a seed that is no whole number from 0 on."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"{what}: seed is {seed!r}, expected a whole number, 0 or more")
 
 
 def _check_tile(image: NDArray[Any]) -> None:
