@@ -1,4 +1,8 @@
-"""Run the experiments: ``python -m experiments [--data FOLDER] [--out FOLDER] [NAME ...]``."""
+"""Run the experiments: ``python -m experiments [--data FOLDER] [--out FOLDER] [--docs FOLDER] [NAME ...]``.
+
+A NAME alone leaves the results and the sections of the others as they are. The page is of Motorcycle and synthetic
+scenes, so ``--docs`` goes neither with ``--data`` nor with ``--small``.
+"""
 
 from __future__ import annotations
 
@@ -39,16 +43,51 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--docs", type=Path, help="also write the documentation's page there")
     parser.add_argument("--small", action="store_true", help="little scenes, as the tests use them")
     chosen = parser.parse_args(arguments)
+    try:
+        _check(chosen)
+        earlier = _earlier(chosen.out / "results.json"), _earlier(chosen.docs and chosen.docs / "paper_results.json")
+    except ValueError as error:
+        parser.exit(2, f"{parser.prog}: error: {error}\n")
+    return run(chosen.names or NAMES, Source(chosen.data, small=chosen.small), chosen.out, chosen.docs, earlier)
+
+
+def _check(chosen: argparse.Namespace) -> None:
+    """ValueError with what is wrong with the arguments; makes the folders."""
     unknown = [name for name in chosen.names if name not in NAMES]
     if unknown:
-        parser.error(f"no experiment is called {unknown[0]}, expected some of {', '.join(NAMES)}")
-    return run(chosen.names or NAMES, Source(chosen.data, small=chosen.small), chosen.out, chosen.docs)
+        raise ValueError(f"no experiment is called {unknown[0]}, expected some of {', '.join(NAMES)}")
+    if chosen.docs and (chosen.data or chosen.small):
+        other = "--data" if chosen.data else "--small"
+        raise ValueError(f"--docs with {other}: the page is of Motorcycle and synthetic scenes, leave one of them out")
+    for option, folder in (("--out", chosen.out), ("--docs", chosen.docs)):
+        try:
+            if folder:
+                folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(f"{option} {folder}: is no folder and none can be made ({error.strerror})") from error
 
 
-def run(names, source: Source, out: Path, docs: Path | None) -> int:
-    """Run each experiment and write what it gives; 4 if one was skipped for want of data, else 0."""
+def _earlier(path: Path | None) -> dict:
+    """Results that stand in a file; none without it. ValueError if it holds something else."""
+    if path is None or not path.exists():
+        return {}
+    try:
+        found = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path}: is no JSON, move it away to begin anew") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: holds no results, move it away to begin anew")
+    return found
+
+
+def _merged(earlier: dict, results: dict) -> dict:
+    both = earlier | results
+    return {name: both[name] for name in NAMES if name in both}
+
+
+def run(names, source: Source, out: Path, docs: Path | None, earlier: tuple[dict, dict]) -> int:
+    """Run each experiment, write what it gives beside what was; 4 if one was skipped for want of data, else 0."""
     results, skipped = {}, 0
-    out.mkdir(parents=True, exist_ok=True)
     for name in names:
         start = time.perf_counter()
         try:
@@ -59,11 +98,13 @@ def run(names, source: Source, out: Path, docs: Path | None) -> int:
             continue
         _write(result, out / name)
         seconds = round(time.perf_counter() - start, 1)
-        results[name] = {"numbers": dict(result.numbers), "paper": dict(result.paper), "seconds": seconds}
+        kept = {"numbers": dict(result.numbers), "paper": dict(result.paper)}
+        results[name] = {"of": source.name, **kept, "seconds": seconds}
         print(f"{name}: {seconds} s")
-    write_bytes(out / "results.json", json.dumps(results, indent=1, default=float).encode())
+    write_bytes(out / "results.json", json.dumps(_merged(earlier[0], results), indent=1, default=float).encode())
     if docs:
-        write_page(results, out, docs)
+        done = {name: result for name, result in results.items() if "skipped" not in result}
+        write_page(_merged(earlier[1], done), done, out, docs)
     return 4 if skipped else 0
 
 

@@ -1,7 +1,8 @@
 """How does it scale? Time and memory of the topology stage from 1 000 to 1 000 000 torus points.
 
-Memory is linear. Time would be, too, but for the caches of the machine: below and above them the slope is near one,
-between them, at some hundred thousand points, it is steeper. A million points take a second or two.
+Memory is linear. Time is not quite: at the two ends the slope is near one, between them, at some hundred thousand
+points, it is steeper; we take the caches of the machine for the cause, and have not measured that. A million points
+take a second or two.
 """
 
 import statistics

@@ -34,6 +34,11 @@ class Source:
         self.data, self.small = data, small
         self._frame = cache(lambda place: tspslam.Session(self._pairs[place].rig).process(self._pairs[place]))
 
+    @property
+    def name(self) -> str:
+        """What the results are of."""
+        return self.data.resolve().name if self.data else "small scenes" if self.small else "Motorcycle, synthetic"
+
     def frames(self, count: int) -> list[tspslam.session.Frame]:
         """`count` frames, evenly over the data; InputError where there are fewer."""
         n = len(self._pairs)
@@ -82,13 +87,18 @@ class Samples:
         return tspslam.datasets.motorcycle_truth()
 
 
-def reference_gradient(image: np.ndarray, uv: np.ndarray, complex_: tspslam.Complex) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian-derivative gradient at each vertex, as a complex number, luminance/px, and its scale, px."""
+def reference_gradient(
+    image: np.ndarray, uv: np.ndarray, complex_: tspslam.Complex, width: float = 0.5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gaussian-derivative gradient at each vertex, as a complex number, luminance/px, and its scale, px.
+
+    The scale is `width` times the mean length of the vertex's edges.
+    """
     i, j = complex_.edges.T
     length = np.linalg.norm(uv[i] - uv[j], axis=1)
     degree = np.bincount(complex_.edges.ravel(), minlength=len(uv))
     total = np.bincount(complex_.edges.ravel(), np.repeat(length, 2), minlength=len(uv))
-    sigma = total / np.maximum(degree, 1) / 2
+    sigma = width * total / np.maximum(degree, 1)
     levels = np.geomspace(*np.percentile(sigma[degree > 0], [2, 98]), 8)
     nearest = np.abs(np.log(np.maximum(sigma, 1e-9))[:, None] - np.log(levels)).argmin(axis=1)
     gradient = np.zeros(len(uv), complex)
@@ -102,6 +112,11 @@ def reference_gradient(image: np.ndarray, uv: np.ndarray, complex_: tspslam.Comp
 def degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """|arg a - arg b| in [0, 180], degrees."""
     return np.degrees(np.abs(np.angle(a * np.conj(b))))
+
+
+def explained(K: np.ndarray, model: np.ndarray) -> float:
+    """R²: the share of the variance that a model explains."""
+    return 1 - ((K - model) ** 2).sum() / ((K - K.mean()) ** 2).sum()
 
 
 def strongest(values: np.ndarray, ok: np.ndarray, share: float = 0.2) -> np.ndarray:

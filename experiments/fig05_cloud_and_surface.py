@@ -51,7 +51,7 @@ def uncut(cloud: tspslam.Cloud) -> np.ndarray:
 def measure(faces: np.ndarray, cloud: tspslam.Cloud, truth: np.ndarray | None, rig: tspslam.Rig) -> dict:
     found = tspslam.diagnose_surface(faces, cloud.xyz)
     row = {
-        "faces": len(faces), "holes": len(found.boundary_loops),
+        "faces": len(faces), "boundary loops": len(found.boundary_loops),
         "edges of more than two faces": found.nonmanifold_edges,
         "parts": found.components, "points without a face": len(found.unused),
     }  # fmt: skip

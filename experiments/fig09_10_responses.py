@@ -3,8 +3,8 @@
 Magnitude and phase are of the published sum, `centering="none"`; the phase is plotted as it is, on a cyclic map (the
 paper's caption says logarithmic). The inset is where responses are strongest, and the stronger ones have arrows:
 coloured ones are the phase with `centering="harmonic"`, grey ones the published phase. The former point across the
-visible edges to the brighter side; the latter often point to where neighbours are many, edge or no edge: answer a says
-how often.
+visible edges to the brighter side; the latter often point to where neighbours are many, edge or no edge: answer a
+measures both.
 """
 
 import numpy as np

@@ -7,6 +7,7 @@ import json
 import math
 import re
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from tspslam.io import write_bytes
@@ -22,7 +23,8 @@ one small script of ``experiments/``, and answers to five questions that the pap
 writes all of it, in about a minute. The images are the Motorcycle pair, and synthetic scenes (:doc:`synthetic`) where
 more frames are wanted; ``make paper DATA=FOLDER`` takes a KITTI, EuRoC, UTIAS or plain stereo folder instead, and
 writes to ``experiments/out`` only. What the answers measure was fixed in ``experiments/PROTOCOL.md`` before the first
-result.
+result; what was changed since stands there, with its reason. Numbers in the texts are of the frames shown here, unless
+they name others.
 
 The paper has no numbers for most of its figures. Where it has some, they stand in the last column.
 """
@@ -31,7 +33,7 @@ ELSEWHERE = """\
 The scripts on frames of a street (KITTI) and of a room (EuRoC), which are not ours to show; the first frame of each
 sequence, for Table 2 four frames evenly over it.
 """
-FILTERS = ("T-MAHF none", "T-MAHF harmonic", "MAHF robust")
+FILTERS = ("T-MAHF none", "T-MAHF harmonic", "MAHF conformal", "MAHF robust", "MAHF graph")
 TOLD = (
     ("fig07_heat_and_hops", "R² on K"),
     ("fig07_heat_and_hops", "b"),
@@ -42,11 +44,26 @@ TOLD = (
     ("table2_time", "T-MAHF in % of MAHF"),
     ("answer_a_what_it_sees", "none: constant / real"),
     *(("answer_a_what_it_sees", f"{c}: image, all: median, degrees") for c in ("none", "mean", "harmonic", "plane")),
-    *(("answer_b_bad_meshes", f"flip 0.2, {name}: |Δr| / |r|") for name in FILTERS),
-    *(("answer_b_bad_meshes", f"delete 0.2, {name}: |Δr| / |r|") for name in FILTERS),
+    *(
+        ("answer_a_what_it_sees", f"{c}: image, strongest fifth: median, degrees")
+        for c in ("none", "mean", "harmonic", "plane")
+    ),
+    *(
+        ("answer_b_bad_meshes", f"{damage}, {name}: |Δr| / |r|")
+        for damage in ("flip 0.2", "delete 0.2", "jitter 1")
+        for name in FILTERS
+    ),
     ("answer_b_bad_meshes", "refused meshes"),
-    ("answer_c_hops_or_heat", "indicator, vertices: phase, all, degrees"),
-    ("answer_c_hops_or_heat", "g(d), vertices: phase, all, degrees"),
+    *(
+        ("answer_c_hops_or_heat", f"{weight}, vertices: {what}")
+        for what in (
+            "phase, all, degrees",
+            "phase, strongest fifth, degrees",
+            "rank correlation, all",
+            "rank correlation, strongest fifth",
+        )
+        for weight in ("indicator", "g(d)")
+    ),
     *(
         ("answer_d_edges_and_faces", f"no noise, {name}: phase error, degrees")
         for name in ("vertices", "+ edges", "+ faces")
@@ -54,16 +71,14 @@ TOLD = (
 )
 
 
-def write_page(results: dict, out: Path, docs: Path) -> None:
-    """Write ``paper.rst`` and copy the pictures beside it."""
+def write_page(results: dict, drawn: Iterable[str], out: Path, docs: Path) -> None:
+    """Write ``paper.rst`` with all results, and copy the pictures that were drawn beside it."""
     pictures = docs / "images" / "paper"
     pictures.mkdir(parents=True, exist_ok=True)
-    parts = [HEAD]
-    for name, result in results.items():
-        if "skipped" in result:
-            continue
+    for name in drawn:
         shutil.copyfile(out / f"{name}.png", pictures / f"{name}.png")
-        parts.append(section(name, importlib.import_module(f".{name}", __package__), result))
+    modules = {name: importlib.import_module(f".{name}", __package__) for name in results}
+    parts = [HEAD, *(section(name, modules[name], result) for name, result in results.items())]
     parts.append(elsewhere(results, docs))
     write_bytes(docs / "paper.rst", "\n".join(parts).encode())
     write_bytes(docs / "paper_results.json", json.dumps(results, indent=1, default=float).encode())

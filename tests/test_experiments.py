@@ -120,6 +120,32 @@ def test_a_flip_keeps_the_number_of_edges_and_faces_and_the_boundary():
     assert [np.bincount(c.face_edges.ravel()).max() for c in (before, after)] == [2, 2]
 
 
+def test_the_share_really_flipped_is_told_also_where_it_is_less_than_was_asked_for(results):
+    faces = SOURCE.frames(1)[0].surface.faces
+    shares = [
+        damage.share_flipped(faces, damage.flip(faces, asked, np.random.default_rng(0))) for asked in (0, 0.1, 0.4, 0.9)
+    ]
+    np.testing.assert_allclose(shares[:2], (0, 0.1), atol=2e-3)
+    assert 0.25 < shares[2] < 0.4
+    assert shares[3] == shares[2]
+    table = results("answer_b_bad_meshes").table
+    of = np.array(table["damage"]) == "flip"
+    np.testing.assert_allclose(np.array(table["done_median"])[of], np.array(table["amount"])[of], atol=2e-3)
+
+
+def test_no_function_of_hops_explains_more_than_the_mean_of_each_ring(results):
+    numbers = results("fig07_heat_and_hops").numbers
+    assert numbers["R² on K"] < numbers["R² on K of the mean at each number of hops"] < 1
+    assert numbers["pairs within 3 hops"] < numbers["pairs"]
+
+
+def test_the_reference_is_as_wide_as_it_is_told_to_be():
+    frame = SOURCE.frames(1)[0]
+    image = ramp(frame.rig.width, frame.rig.height, 0.0)
+    half, whole = (reference_gradient(image, frame.cloud.uv, frame.complex_, width)[1] for width in (0.25, 0.5))
+    np.testing.assert_allclose(whole, 2 * half)
+
+
 def test_noise_makes_phases_worse(results):
     table = results("answer_d_edges_and_faces").table
     rows = list(zip(*table.values(), strict=True))
@@ -136,7 +162,7 @@ def test_memory_grows_with_the_number_of_points(results):
 def test_results_are_written_whole_with_a_page(tmp_path, capsys):
     out, docs = tmp_path / "out", tmp_path / "docs"
     docs.mkdir()
-    assert main(["fig02_toy_complex", "--small", "--out", str(out), "--docs", str(docs)]) == 0
+    assert main(["fig02_toy_complex", "--out", str(out), "--docs", str(docs)]) == 0
     assert sorted(path.name for path in out.iterdir()) == [
         "fig02_toy_complex.csv", "fig02_toy_complex.png", "results.json",
     ]  # fmt: skip
@@ -144,6 +170,64 @@ def test_results_are_written_whole_with_a_page(tmp_path, capsys):
     assert "a toy complex" in (docs / "paper.rst").read_text(encoding="utf-8")
     assert (docs / "images" / "paper" / "fig02_toy_complex.png").stat().st_size > 10_000
     assert (out / "fig02_toy_complex.csv").read_text().splitlines()[0] == "edge,from,to"
+
+
+def test_one_name_leaves_the_results_and_the_sections_of_the_others(tmp_path, capsys):
+    out, docs = tmp_path / "out", tmp_path / "docs"
+    docs.mkdir()
+    other = {"numbers": {"faces": 41}, "paper": {}, "seconds": 1.0}
+    (docs / "paper_results.json").write_text(json.dumps({"fig06_edges_and_faces": other, "gone": other}))
+    out.mkdir()
+    (out / "results.json").write_text(json.dumps({"fig08_angles": other}))
+    assert main(["fig02_toy_complex", "--out", str(out), "--docs", str(docs)]) == 0
+    assert list(json.loads((out / "results.json").read_text())) == ["fig02_toy_complex", "fig08_angles"]
+    kept = json.loads((docs / "paper_results.json").read_text())
+    assert list(kept) == ["fig02_toy_complex", "fig06_edges_and_faces"]
+    assert kept["fig06_edges_and_faces"] == other
+    assert kept["fig02_toy_complex"]["of"] == "Motorcycle, synthetic"
+    page = (docs / "paper.rst").read_text(encoding="utf-8")
+    assert page.index("Figure 2") < page.index("Figure 6: signals") < page.index("- 41")
+    assert main(["fig02_toy_complex", "--small", "--out", str(out)]) == 0
+    both = json.loads((out / "results.json").read_text())
+    assert both["fig08_angles"] == other
+    assert both["fig02_toy_complex"]["of"] == "small scenes"
+
+
+@pytest.mark.parametrize("option", [["--small"], ["--data", "drive"]])
+def test_the_page_is_not_written_from_small_scenes_or_other_data(option, tmp_path, capsys):
+    docs = tmp_path / "docs"
+    line = refused(["fig02_toy_complex", *option, "--out", str(tmp_path / "o"), "--docs", str(docs)], capsys)
+    assert f"--docs with {option[0]}" in line
+    assert not docs.exists()
+
+
+@pytest.mark.parametrize("option", ["--out", "--docs"])
+@pytest.mark.parametrize("below", [".", "inside"])
+def test_a_file_where_a_folder_is_wanted_is_refused(option, below, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("plain").write_text("mine")
+    line = refused(["fig02_toy_complex", option, str(Path("plain") / below)], capsys)
+    assert f"{option} plain" in line
+    assert "is no folder" in line
+    assert Path("plain").read_text() == "mine"
+
+
+@pytest.mark.parametrize("held", ["half a {", "[]"])
+def test_results_that_cannot_be_kept_are_not_written_over(held, tmp_path, capsys):
+    (tmp_path / "results.json").write_text(held)
+    assert "results.json" in refused(["fig02_toy_complex", "--out", str(tmp_path)], capsys)
+    assert (tmp_path / "results.json").read_text() == held
+
+
+def refused(arguments, capsys) -> str:
+    """The one line with which arguments are refused, with exit code 2."""
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    return said.err
 
 
 def test_a_figure_without_its_data_is_skipped_by_name_and_the_others_run(tmp_path, capsys):
@@ -170,10 +254,7 @@ def test_a_folder_is_used_and_too_few_pairs_or_a_bad_file_are_named(sequence, tm
 
 
 def test_an_unknown_experiment_is_a_usage_error(capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["fig99"])
-    assert stop.value.code == 2
-    assert "no experiment is called fig99" in capsys.readouterr().err
+    assert "no experiment is called fig99" in refused(["fig99"], capsys)
 
 
 def test_numbers_and_text_are_fit_for_the_page():
