@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tspslam.datasets import EurocSequence
+from tspslam.datasets._pairing import pair_by_stamp
 from tspslam.errors import InputError
 from tspslam.types import RawRig
 from tspslam.vision.formats import read_calibration
@@ -62,6 +63,17 @@ def test_a_listed_image_that_is_not_there_is_reported_with_its_partner(tmp_path:
     first = stamps_ns(folder)[0]
     (folder / f"mav0/cam0/data/{first}.png").unlink()
     assert EurocSequence(folder).unpaired == [f"cam1/{first}.png", f"cam0/{first}.png"]
+
+
+def test_names_of_unpaired_files_are_one_line(tmp_path: Path) -> None:
+    folder = standard.euroc(tmp_path)
+    first = folder / f"mav0/cam0/data/{stamps_ns(folder)[0]}.png"
+    first.with_name("a\nb.png").write_bytes(first.read_bytes())
+    path = folder / LIST
+    path.write_text(path.read_text() + f"{stamps_ns(folder)[-1] + 50_000_000},x\x1by.png\n")
+    assert EurocSequence(folder).unpaired == ["cam0/x y.png", "cam0/a b.png"]
+    one, other = Path("a\nb.png"), Path("c.png")
+    assert pair_by_stamp({1: one}, {2: other}, ("cam0", "cam1")).unpaired == ["cam0/a b.png", "cam1/c.png"]
 
 
 def test_truth_is_that_of_the_rectified_camera(tmp_path: Path) -> None:

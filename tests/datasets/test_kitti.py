@@ -149,6 +149,44 @@ def test_a_colour_camera_far_off_the_row_is_refused(tmp_path: Path) -> None:
         KittiSequence(tmp_path, colour=True)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("P2: 60", "P2: 0", r"P2 is .* expected a projection K \[I \| t\]"),
+        ("P2: 60 0 32 3", "P2: 60 0 32 3e12", r"P2 is .*\|t\| at most 1e6 m"),
+        ("P3: 60", "P3: -60", r"P3\[0,0\] is -60, expected a focal length"),
+        ("P3: 60", "P3: 61", r"P2\[0,0\] is 60, P3\[0,0\] is 61, expected the same"),
+        ("-27", "33", r"P3\[0,3\] / -P3\[0,0\] is -0.499.*left and right look swapped"),
+    ],
+)
+def test_errors_of_colour_cameras_name_their_own_keys(tmp_path: Path, old: str, new: str, said: str) -> None:
+    odometry(tmp_path / "P0 P1", NAMES, NAMES, "23")
+    (tmp_path / "P0 P1" / "calib.txt").write_text(ODOMETRY + COLOUR.replace(old, new))
+    with pytest.raises(InputError, match=rf"^{tmp_path}/P0 P1/calib\.txt: {said}"):
+        KittiSequence(tmp_path / "P0 P1", colour=True)
+
+
+def test_errors_of_the_colour_cameras_of_a_drive_name_their_own_keys(tmp_path: Path) -> None:
+    folder = drive(tmp_path, [0], (60, 40), "23")
+    (folder / "calib_cam_to_cam.txt").write_text(RAW.replace("S_rect_03: 60", "S_rect_03: 61"))
+    with pytest.raises(InputError, match="S_rect_02 is 60 x 40 px, S_rect_03 is 61 x 40 px"):
+        KittiSequence(folder, colour=True)
+
+
+def test_a_projection_that_recorded_images_do_not_need_is_checked_with_the_truth(tmp_path: Path) -> None:
+    folder = drive(tmp_path, [0])
+    (folder / "calib_cam_to_cam.txt").write_text(RAW.replace("P_rect_00: 50", "P_rect_00: 0"))
+    poses(folder / "poses.txt", [0])
+    with pytest.raises(InputError, match=r"P_rect_00 is .* expected a projection"):
+        _ = KittiSequence(folder).truth
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
+    odometry(tmp_path, NAMES, NAMES)
+    (tmp_path / "calib.txt").write_text(ODOMETRY, "utf-8-sig")
+    assert KittiSequence(tmp_path).rig.baseline == 0.5
+
+
 def test_poses_are_found_beside_the_images_or_given(tmp_path: Path) -> None:
     folder = odometry(tmp_path / "00", NAMES, NAMES)
     poses(folder / "poses.txt", [0, 1, 3])
@@ -233,7 +271,7 @@ def test_a_missing_part_of_a_sequence_is_named(tmp_path: Path, part: str) -> Non
 
 def test_the_other_cameras_are_pointed_out(tmp_path: Path) -> None:
     odometry(tmp_path, NAMES, NAMES)
-    with pytest.raises(InputError, match=r"lacks the folder image_2 or image_02, .*colour=False"):
+    with pytest.raises(InputError, match=r"lacks the folder image_2 or image_02; .*colour=False"):
         KittiSequence(tmp_path, colour=True)
 
 
@@ -306,7 +344,18 @@ def test_a_missing_part_of_a_drive_is_named(tmp_path: Path, part: str) -> None:
         KittiSequence(folder)
 
 
-@pytest.mark.parametrize("text", ["12.5", "2011-13-26 14:05:35.5", "2011-09-26 14:05:35", "2011-09-26T14:05:35.5"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "12.5",
+        "2011-13-26 14:05:35.5",
+        "2011-09-26 14:05:35",
+        "2011-09-26T14:05:35.5",
+        "0001-01-01 00:00:00.5",
+        "1969-12-31 23:59:59.5",
+        "9999-12-31 23:59:59.5",
+    ],
+)
 def test_times_of_a_drive_that_are_no_dates_are_refused(tmp_path: Path, text: str) -> None:
     drive(tmp_path, [0, 1])
     (tmp_path / "image_00" / "timestamps.txt").write_text(text + "\n")

@@ -138,7 +138,8 @@ def microseconds(text):
     return "".join(line if line[0] == "#" else line.replace("000000,", ",", 1) for line in text.splitlines(True))
 
 
-FIRST = "mav0/cam0/data.csv"
+FIRST, STAMPS = "mav0/cam0/data.csv", "timestamps_images.txt"
+MEASURED = "mav0/state_groundtruth_estimate0/data.csv"
 BAD = {
     "lacks the folder image_0": ("kitti", lambda f: shutil.rmtree(f / "image_0")),
     "times.txt": ("kitti", lambda f: (f / "times.txt").unlink()),
@@ -147,6 +148,16 @@ BAD = {
     "apart in the median": ("kitti", lambda f: (f / "times.txt").write_text("0\n100000000\n200000000\n300000000\n")),
     "line 2 has": ("kitti", lambda f: (f / "times.txt").write_text("0\nsoon\n")),
     "a value that is not finite": ("kitti", lambda f: (f / "times.txt").write_text("0\nnan\n")),
+    "a value that is not finite or above 1e\\+10": (
+        "kitti",
+        lambda f: (f / "times.txt").write_text("0\n.1\n.2\n1e300\n"),
+    ),
+    "line 2 has '1_0'": ("kitti", lambda f: (f / "times.txt").write_text("0\n1_0\n")),
+    "line 2 has '١'": ("kitti", lambda f: (f / "times.txt").write_text("0\n١\n", "utf-8")),
+    "line 1 has '9223372036854775808'": ("euroc", lambda f: (f / FIRST).write_text(f"{2**63},a.png\n")),
+    "line 5 has '9223372036854775808'": ("utias", lambda f: edit(f, STAMPS, lambda t: t + f"4,{2**63}\n")),
+    "line 5 has pose 3 behind 3": ("utias", lambda f: edit(f, STAMPS, lambda t: t + t.splitlines()[-1] + "\n")),
+    "line 2 has pose 1 behind 9": ("utias", lambda f: edit(f, STAMPS, lambda t: "9" + t[1:])),
     "has 2 values": ("kitti", lambda f: (f / "times.txt").write_text("0 1\n")),
     "is no text": ("kitti", lambda f: (f / "times.txt").write_bytes(b"\xff\xfe\x00")),
     "has no line of values": ("kitti", lambda f: (f / "times.txt").write_text("# nothing\n")),
@@ -188,11 +199,16 @@ TRUTH = {
     "lines of 12 numbers": ("kitti", "poses.txt", "1 2 3\n"),
     "holds no rotation": ("kitti", "poses.txt", "2 0 0 0 0 1 0 0 0 0 1 0\n" * 4),
     "line 1 has 1 values": ("kitti", "poses.txt", "x\n"),
-    "line 1 has 3 values": ("euroc", "mav0/state_groundtruth_estimate0/data.csv", "1,2,3\n"),
-    "quaternion of pose 1 has norm 2": ("euroc", "mav0/state_groundtruth_estimate0/data.csv", "1,0,0,0,2,0,0,0\n"),
+    "line 1 has a value that is not finite or above 1e+10": ("kitti", "poses.txt", "1 0 0 1e308 0 1 0 0 0 0 1 0\n"),
+    "line 1 has 3 values": ("euroc", MEASURED, "1,2,3\n"),
+    "quaternion of pose 1 has norm 2": ("euroc", MEASURED, "1,0,0,0,2,0,0,0\n"),
+    "not finite or above 1e+10": ("euroc", MEASURED, "1,0,0,1e308,1,0,0,0\n"),
+    "line 1 has '99": ("euroc", MEASURED, "9999999999999999999,0,0,0,1,0,0,0\n"),
+    "has no pose of any of the 4 images": ("euroc", MEASURED, "1,0,0,0,1,0,0,0\n100000001,0,0,0,1,0,0,0\n"),
     "line 1 has 5 values": ("utias", "transforms_temporal.txt", "1,2,3,4,5\n"),
     "line 1 ends with": ("utias", "transforms_temporal.txt", "3,1,3,0" + ",1,0,0,0,0,1,0,0,0,0,1,0" + ",0,0,0,2\n"),
     "line 1 has '1.5'": ("utias", "transforms_temporal.txt", "3,1.5,3,0" + ",1,0,0,0,0,1,0,0,0,0,1,0\n"),
+    "above 1e+10": ("utias", "transforms_temporal.txt", "3,1,3,0" + ",1,0,0,-1e308,0,1,0,0,0,0,1,0\n"),
 }
 
 
@@ -207,6 +223,8 @@ def test_a_bad_truth_is_refused_when_it_is_asked_for(tmp_path, said):
     with pytest.raises(InputError) as error:
         _ = sequence.truth
     assert name.rpartition("/")[2] in str(error.value)
+    assert said in str(error.value).replace("; ", ", ")
+    assert "\n" not in str(error.value)
 
 
 def test_images_of_another_size_need_a_calibration(tmp_path):
@@ -247,6 +265,30 @@ def datasets_offset(pair):
     from tspslam.vision.reconstruct import reconstruct_with_quality
 
     return reconstruct_with_quality(pair)[1].vertical_offset_px
+
+
+@pytest.mark.parametrize("kind", WRITE)
+@pytest.mark.parametrize("path", [None, 7, "a\nb", "a\x00b", "a" * 5000, "a/" * 3000])
+def test_a_path_that_can_be_no_folder_gets_one_line(kind, path):
+    with pytest.raises(InputError, match=r"is no path|lacks the folder|is missing") as error:
+        READ[kind](path)
+    assert "\n" not in str(error.value)
+    assert "\x00" not in str(error.value)
+
+
+@pytest.mark.parametrize(("kind", "given"), [("kitti", "poses"), ("utias", "calib")])
+def test_a_file_that_is_given_as_no_path_gets_one_line(tmp_path, kind, given):
+    with pytest.raises(InputError, match=r"7: is no path .*expected the name of a file or folder"):
+        READ[kind](WRITE[kind](tmp_path), **{given: 7})
+
+
+@pytest.mark.parametrize("kind", WRITE)
+@pytest.mark.parametrize("index", [slice(0, 2), "0", None, 1.0, True])
+def test_an_index_that_is_no_number_is_refused(tmp_path, kind, index):
+    sequence = READ[kind](WRITE[kind](tmp_path))
+    with pytest.raises(InputError, match=r"^index is .*, expected a whole number from -4 to 3$"):
+        sequence[index]
+    assert sequence[np.int8(-1)].index == 3
 
 
 def test_readers_are_public():

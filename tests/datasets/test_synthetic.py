@@ -197,34 +197,120 @@ def test_a_camera_never_stands_inside_a_thing():
         assert min(np.nanmin(sequence.geometry(k).depth) for k in range(0, len(sequence), 5)) > 0.3
 
 
+def test_what_was_given_is_copied_and_what_is_kept_cannot_be_written_to():
+    vertices, faces, pose, path = np.eye(3), np.array([[0, 1, 2]]), np.eye(4), np.eye(4)[None]
+    tile, exposure = np.zeros((4, 4)), np.zeros(1)
+    shape = syn.Shape("s", vertices, faces, syn.Texture(image=tile), pose, (1, 0, 0))
+    scene, faults = syn.Scene([shape], path), syn.Faults(exposure=exposure, dropped=np.array([], int))
+    vertices[:], faces[:], pose[:], path[:], tile[:], exposure[:] = np.nan, 9, 0, 0, 9, np.nan
+    again = syn.Shape("s", np.eye(3), np.array([[0, 1, 2]]))
+    assert scene.shapes[0] is shape
+    assert faults == syn.Faults(exposure=(0.0,))
+    kept = (shape.vertices, shape.faces, shape.pose, scene.path[0], shape.texture.image)
+    for array, expected in zip(
+        kept, (again.vertices, again.faces, again.pose, np.eye(4), np.zeros((4, 4))), strict=True
+    ):
+        assert array.tolist() == expected.tolist()
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 1
+
+
+def test_one_tile_of_two_textures_is_kept_once():
+    tile = np.random.default_rng(0).random((64, 64))
+    shapes = [syn.plane(1, 1, texture=syn.Texture(image=tile, brightness=level)) for level in (0.2, 0.8)]
+    assert len(syn.render.triangles(syn.Scene(shapes)).levels) == 1
+
+
+def test_the_ground_reaches_beyond_a_long_street():
+    scene = syn.street(9000, step=500)
+    assert 1 in syn.SyntheticSequence(scene, RIG, CLEAN).geometry(-1).label[-5:]
+    ground = scene.shapes[0].world_vertices()[:, 2]
+    assert ground.min() <= -1000 < 10_000 <= ground.max()
+
+
+def test_small_types_of_numpy_do_not_overflow():
+    assert len(syn.sphere(1, rows=np.int8(100)).vertices) == 101 * 200
+    assert len(syn.torus(1, 0.4, rows=np.uint8(200), columns=np.int16(300)).vertices) == 60_000
+    assert syn.plane(np.float16(2), 1).vertices[2].tolist() == [1, 0.5, 0]
+    assert syn.street(np.int8(100), step=np.float32(50)).path.shape == (3, 4, 4)
+    assert len(syn.SyntheticSequence(syn.still(np.int8(2)), RIG, CLEAN)[np.int64(-1)].left) == RIG.height
+
+
+WALL = syn.plane(1, 1)
 BAD = {
-    "brightness, contrast, texel": lambda: syn.Texture(texel=0),
+    "texture: texel is 0": lambda: syn.Texture(texel=0),
+    "texture: brightness is nan": lambda: syn.Texture(brightness=np.nan),
+    "texture: contrast is array": lambda: syn.Texture(contrast=np.ones((9, 9))),
+    "texture: brightness is 'b'": lambda: syn.Texture(brightness="b"),
     "a power of two": lambda: syn.Texture(image=np.zeros((3, 3))),
+    "texture: image is <U1": lambda: syn.Texture(image="a"),
     "floats from 0 to 1": lambda: syn.Texture(image=np.full((4, 4), 2.0)),
+    "image is bool from 0 to 1, expected floats": lambda: syn.Texture(image=np.eye(4) > 0),
+    "image is float64 from nan to nan": lambda: syn.Texture(image=np.full((4, 4), np.nan)),
     "faces name vertices": lambda: syn.Shape("s", np.eye(3), np.array([[0, 1, 3]])),
     "expected \\(F, 3\\) integers": lambda: syn.Shape("s", np.eye(3), np.array([[0.0, 1.0, 2.0]])),
-    "vertices has shape": lambda: syn.Shape("s", np.full((3, 3), np.nan), np.array([[0, 1, 2]])),
-    "off a rigid motion": lambda: replace(syn.plane(1, 1), pose=np.diag([2.0, 1, 1, 1])),
-    "velocity": lambda: replace(syn.plane(1, 1), velocity=(np.inf, 0, 0)),
+    "vertices holds nan, expected n x 3 finite": lambda: syn.Shape("s", np.full((3, 3), np.nan), np.array([[0, 1, 2]])),
+    "vertices has shape \\(3,\\)": lambda: syn.Shape("s", np.ones(3), np.array([[0, 1, 2]])),
+    "shape: name is 'a": lambda: syn.plane(1, 1, name="a\nb"),
+    "shape: name is None": lambda: syn.Shape(None, np.eye(3), np.array([[0, 1, 2]])),
+    "shape plane: texture is ''": lambda: syn.plane(1, 1, texture=""),
+    "pose is off a rigid motion": lambda: replace(WALL, pose=np.diag([2.0, 1, 1, 1])),
+    "velocity": lambda: replace(WALL, velocity=(np.inf, 0, 0)),
+    "stamp is nan": lambda: WALL.world_vertices(np.nan),
     "one Shape or more": lambda: syn.Scene(()),
-    "one pose or more": lambda: syn.Scene((syn.plane(1, 1),), path=np.zeros((0, 4, 4))),
-    "pose 0 of the path": lambda: syn.Scene((syn.plane(1, 1),), path=np.zeros((1, 4, 4))),
+    "shapes is None": lambda: syn.Scene(None),
+    "shapes is <generator": lambda: syn.Scene(shape for shape in [WALL]),
+    "shapes is \\(1,\\)": lambda: syn.Scene((1,)),
+    "number of poses is 0": lambda: syn.Scene((WALL,), path=np.zeros((0, 4, 4))),
+    "number of poses is 100001": lambda: syn.Scene((WALL,), path=np.tile(np.eye(4), (100_001, 1, 1))),
+    "path\\[1\\] is off": lambda: syn.Scene((WALL,), path=[np.eye(4), np.zeros((4, 4))]),
+    "background is nan": lambda: syn.Scene((WALL,), background=np.nan),
+    "scene: name is 'a": lambda: syn.Scene((WALL,), name="a\x1b"),
     "width is -1": lambda: syn.plane(-1, 1),
+    "width is 'a', expected a number from 1e-06 to 1e\\+06 m": lambda: syn.plane("a", 1),
+    "width is True": lambda: syn.plane(True, 1),
+    "place is <U": lambda: syn.plane(1, 1).at("a", 0, 0),
     "less than the major": lambda: syn.torus(1, 1),
     "rows is 2": lambda: syn.torus(1, 0.4, rows=2),
-    "noise, blur, exposure": lambda: syn.Faults(noise=-1),
+    "rows is 708": lambda: syn.sphere(1, rows=708),
+    "columns is 1001": lambda: syn.torus(1, 0.4, rows=1000, columns=1001),
+    "noise is -1": lambda: syn.Faults(noise=-1),
+    "blur is None": lambda: syn.Faults(blur=None),
+    "exposure is -0.5": lambda: syn.Faults(exposure=-0.5),
+    "exposure is <U1": lambda: syn.Faults(exposure="a"),
+    "exposure has rows of different": lambda: syn.Faults(exposure=[[1], [1, 2]]),
+    "exposure holds 11": lambda: syn.Faults(exposure=(11.0,)),
     "right_turn": lambda: syn.Faults(right_turn=(0, 0)),
-    "dropped frames": lambda: one(syn.plane(1, 1), faults=syn.Faults(dropped=(0,))),
-    "exposure has 2 values": lambda: one(syn.plane(1, 1), faults=syn.Faults(exposure=(0.0, 1.0))),
+    "right_shift is object": lambda: syn.Faults(right_shift=None),
+    "eight_bit is 'no'": lambda: syn.Faults(eight_bit="no"),
+    "dropped is 3": lambda: syn.Faults(dropped=3),
+    "dropped is <U1": lambda: syn.Faults(dropped=("a",)),
+    "dropped is \\(0.5,\\)": lambda: syn.Faults(dropped=(0.5,)),
+    "dropped frames": lambda: one(WALL, faults=syn.Faults(dropped=(0,))),
+    "exposure has 2 values": lambda: one(WALL, faults=syn.Faults(exposure=(0.0, 1.0))),
+    "sequence: scene is None": lambda: syn.SyntheticSequence(None),
+    "sequence: faults is 'x'": lambda: one(WALL, faults="x"),
+    "sequence: rig is None": lambda: one(WALL, rig=None),
+    "is for 8001 x 8000 px": lambda: one(WALL, rig=replace(RIG, width=8001, height=8000)),
+    "is for 32768 x 1 px": lambda: one(WALL, rig=replace(RIG, width=32768, height=1)),
+    "index is slice": lambda: one(WALL)[:1],
+    "index is '0'": lambda: one(WALL).geometry("0"),
     "rate is 0": lambda: syn.SyntheticSequence(syn.still(1), rate=0),
-    "street: length, step": lambda: syn.street(-3),
-    "corridor: length, step": lambda: syn.corridor(3, step=0),
-    "room: laps, frames": lambda: syn.room(laps=0),
+    "street: length is -3": lambda: syn.street(-3),
+    "street: step is 0.001": lambda: syn.street(300, step=0.001),
+    "corridor: step is 0": lambda: syn.corridor(3, step=0),
+    "corridor: length is None": lambda: syn.corridor(None),
+    "room: laps is 0,": lambda: syn.room(laps=0),
+    "room: laps is 0.01": lambda: syn.room(laps=0.01, frames=8),
+    "room: laps is 90": lambda: syn.room(laps=90, frames=10_000),
+    "room: frames is 8.5": lambda: syn.room(frames=8.5),
+    "still: frames is True": lambda: syn.still(True),
+    "still: depth is inf": lambda: syn.still(1, depth=np.inf),
     "texture: seed": lambda: syn.Texture(seed=-1),
     "sequence: seed": lambda: syn.SyntheticSequence(syn.still(1), seed=0.5),
     "street: seed": lambda: syn.street(20, seed=-1),
     "have no face": lambda: syn.Scene((syn.Shape("s", np.eye(3), np.zeros((0, 3), int)),)),
-    "still: frames, depth": lambda: syn.still(0),
+    "still: frames is 0": lambda: syn.still(0),
 }
 
 

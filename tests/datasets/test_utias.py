@@ -147,3 +147,32 @@ def test_bad_transforms_are_refused_with_their_file(tmp_path: Path) -> None:
     (run / "transforms_temporal.txt").write_text(row((3, 0), (3, 1), np.diag([2.0, 1, 1, 1])))
     with pytest.raises(InputError, match=r"transforms_temporal\.txt: pose 1 holds no rotation"):
         _ = UtiasRun(run).truth
+
+
+@pytest.mark.parametrize("name", ["transforms_temporal.txt", "transforms_spatial.txt"])
+def test_transforms_of_another_run_are_refused(tmp_path: Path, name: str) -> None:
+    run = standard.utias(tmp_path / "run_000004", run=3)
+    (run / "transforms_temporal.txt").rename(run / name)
+    with pytest.raises(InputError, match=rf"{name}: is of run 3; expected transforms of run 4, as the folder's name"):
+        _ = UtiasRun(run).truth
+    run.rename(tmp_path / "run_000003")
+    assert (UtiasRun(tmp_path / "run_000003").truth is None) == (name == "transforms_spatial.txt")
+
+
+def test_transforms_that_place_no_image_are_refused(tmp_path: Path) -> None:
+    run = standard.utias(tmp_path, 2)
+    (run / "transforms_temporal.txt").write_text(row((3, 50), (3, 51), np.eye(4)))
+    with pytest.raises(InputError, match="has no pose of any of the 2 images; expected transforms of run 3"):
+        _ = UtiasRun(run).truth
+
+
+@pytest.mark.parametrize(("pose", "neighbour", "x"), [(0, 1, 0.6), (1, 0, 0.5), (1, 1, 0.1)])
+def test_transforms_that_contradict_each_other_are_refused(tmp_path: Path, pose: int, neighbour: int, x: float) -> None:
+    run, T, other = standard.utias(tmp_path, 2), np.eye(4), np.eye(4)
+    T[0, 3], other[0, 3] = 0.5, x
+    path = run / "transforms_temporal.txt"
+    path.write_text(row((3, 0), (3, 1), T) + row((3, pose), (3, neighbour), other))
+    with pytest.raises(InputError, match=rf"line 2 contradicts what is known of poses {pose} and {neighbour}"):
+        _ = UtiasRun(run).truth
+    path.write_text(row((3, 0), (3, 1), T) + row((3, 1), (3, 0), np.linalg.inv(T)) + row((3, 0), (3, 1), T))
+    assert np.isfinite(truth_of(run)).all()

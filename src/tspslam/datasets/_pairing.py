@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 
-from .._files import bad_input, one_line, read_bytes
+from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
@@ -21,6 +22,9 @@ _SHORTEST, _LONGEST = 1e-3, 60.0  # s between frames, in the median
 _REACH = 0.1  # s from a frame to the poses on both sides of it
 _ROTATION = 1e-3
 _WHOLE = re.compile(r"[0-9]{1,19}")
+_PLAIN = re.compile(r"[-+.0-9A-Za-z]+")  # of the words that `float` reads, those without underscores or other digits
+_LARGEST_NUMBER = 1e10  # s or m
+LAST_STAMP = 2**63 - 1  # ns, in the year 2262
 Row = tuple[int, list[str]]
 """Number of a line, from 1, and its words."""
 
@@ -55,8 +59,23 @@ class Frames:
 
     def read(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end."""
-        index = range(len(self.files))[index]
+        index = checked_index(index, len(self.files))
         return replace(self._reader.read(*self.files[index], index), stamp=float(self.stamps[index]))
+
+
+def path_of(path: PathLike) -> Path:
+    """Return what a user names as a path."""
+    try:
+        return Path(path)
+    except TypeError as error:
+        raise bad_input(repr(path)[:60], f"is no path ({reason_of(error)})", "the name of a file or folder") from error
+
+
+def checked_index(index: int, count: int) -> int:
+    """Return the place from 0 of a sequence's pair; IndexError past the end, InputError for what is no number."""
+    if isinstance(index, bool) or not isinstance(index, Integral):
+        raise InputError(one_line(f"index is {repr(index)[:60]}, expected a whole number from {-count} to {count - 1}"))
+    return range(count)[int(index)]
 
 
 def name_of(folder: Path) -> str:
@@ -86,17 +105,19 @@ def table(path: Path, expected: str, separator: str | None = None, counts: Seque
 def numbers(path: Path, row: Row, words: Sequence[str], expected: str) -> list[float]:
     """Return words of a row as finite numbers."""
     try:
-        values = [float(word) for word in words]
-    except ValueError as error:
-        raise bad_input(path, f"line {row[0]} has {' '.join(words)[:60]!r}", expected) from error
-    if not np.isfinite(values).all():
-        raise bad_input(path, f"line {row[0]} has a value that is not finite", expected)
+        values = [float(word) for word in words if _PLAIN.fullmatch(word)]
+    except ValueError:
+        values = []
+    if len(values) < len(words):
+        raise bad_input(path, f"line {row[0]} has {' '.join(words)[:60]!r}", expected)
+    if not all(abs(value) <= _LARGEST_NUMBER for value in values):  # NaN too
+        raise bad_input(path, f"line {row[0]} has a value that is not finite or above {_LARGEST_NUMBER:g}", expected)
     return values
 
 
 def whole(path: Path, row: Row, word: str, expected: str) -> int:
-    """Return a word of a row as a whole number, not negative."""
-    if not _WHOLE.fullmatch(word):
+    """Return a word of a row as a whole number, from 0 to the last nanosecond that 64 bits hold."""
+    if not _WHOLE.fullmatch(word) or int(word) > LAST_STAMP:
         raise bad_input(path, f"line {row[0]} has {word[:40]!r}", expected)
     return int(word)
 
@@ -125,7 +146,7 @@ def images_in(folder: Path) -> dict[str, Path]:
     """Image files of a folder by name, in natural order; hidden files and other kinds are passed over."""
     try:
         files = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.name[0] != "."]
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise bad_input(folder, "is missing", "a folder of images") from error
     return {file.name: file for file in sorted(files, key=lambda file: _natural(file.name))}
 
@@ -174,7 +195,7 @@ def pair_by_stamp(left: Mapping[int, Path], right: Mapping[int, Path], labels: t
     frames = {int(times[0][i]): int(times[1][j]) for i, j in matched}
     taken = set(frames), set(frames.values())
     lone = [
-        f"{label}/{side[int(t)].name}"
+        one_line(f"{label}/{side[int(t)].name}")
         for label, side, own, used in zip(labels, (left, right), times, taken, strict=True)
         for t in own
         if int(t) not in used
@@ -203,6 +224,13 @@ def some(paired: Paired, path: Path, expected: str) -> Paired:
     if not paired.files:
         raise bad_input(path, f"has no pair of images ({len(paired.unpaired)} without partner or stamp)", expected)
     return paired
+
+
+def some_known(T: FloatArray, path: Path, expected: str) -> FloatArray:
+    """Return poses, NaN where there is none, if there is one."""
+    if np.isnan(T[:, 0, 0]).all():
+        raise bad_input(path, f"has no pose of any of the {len(T)} images", expected)
+    return T
 
 
 def rigid(path: Path, T: FloatArray) -> FloatArray:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from .._files import PathLike, bad_input
-from ..errors import InputError
+from .._files import PathLike, bad_input, one_line
 from ..types import FloatArray, Rig, StereoPair
 from ..vision.formats import read_calibration
 from ..vision.formats._opencv_yaml import read_mapping
@@ -24,10 +24,12 @@ from ._pairing import (
     name_of,
     numbers,
     pair_by_stamp,
+    path_of,
     poses_at,
     seconds,
     size_of_first,
     some,
+    some_known,
     table,
     whole,
 )
@@ -36,6 +38,7 @@ _CAMERAS = ("cam0", "cam1")
 _TRUTHS = ("state_groundtruth_estimate0", "vicon0")
 _LISTED = "a line for each image: its stamp in nanoseconds, a comma, its file name"
 _POSES = "lines of a stamp in nanoseconds, a position (m) and a quaternion with w first, separated by commas"
+_RECORDING = "a recording in the ASL layout"
 _UNIT = 1e-2  # of a quaternion's norm
 
 
@@ -69,7 +72,7 @@ class EurocSequence:
     --------
     >>> EurocSequence("no-such-folder")
     Traceback (most recent call last):
-    tspslam.errors.InputError: no-such-folder: lacks the folder mav0/cam0, expected a recording in the ASL layout
+    tspslam.errors.InputError: no-such-folder: lacks the folder mav0/cam0; expected a recording in the ASL layout
     """
 
     rig: Rig
@@ -77,10 +80,10 @@ class EurocSequence:
     unpaired: list[str]
 
     def __init__(self, path: PathLike) -> None:
-        self.path = Path(path)
-        self._root = self.path / "mav0" if (self.path / "mav0").is_dir() else self.path
-        if not (self._root / "cam0").is_dir():
-            raise InputError(f"{self.path}: lacks the folder mav0/cam0, expected a recording in the ASL layout")
+        self.path = path_of(path)
+        self._root = self.path / "mav0" if os.path.isdir(self.path / "mav0") else self.path
+        if not os.path.isdir(self._root / "cam0"):
+            raise bad_input(self.path, "lacks the folder mav0/cam0", _RECORDING)
         (left, lost), (right, its_lost) = (_listed(self._root / camera) for camera in _CAMERAS)
         paired = some(pair_by_stamp(left, right, _CAMERAS), self._root, "cam0 and cam1 with images of the same stamps")
         self.unpaired = paired.unpaired + lost + its_lost
@@ -102,16 +105,17 @@ class EurocSequence:
         `sensor.yaml` has its place ``T_BS`` in the body; it must be there for the markers of `vicon0`, and without
         one the estimate is the body's. So ``T_world_camera = T_RS T_BS⁻¹ T_BS(cam0) R_leftᵀ``. Between two
         measurements the position is interpolated linearly and the rotation along the shortest arc; rows are NaN
-        where there are none at most 0.1 s before and after. InputError if a file is bad.
+        where there are none at most 0.1 s before and after. InputError if a file is bad or that is so for all.
         """
-        folder = next((self._root / name for name in _TRUTHS if (self._root / name / "data.csv").exists()), None)
+        folder = next((self._root / name for name in _TRUTHS if os.path.exists(self._root / name / "data.csv")), None)
         if folder is None:
             return None
         stamps, T_world_sensor = _measured(folder / "data.csv")
         T_body_camera = _place(self._root / "cam0") @ motion(self._frames.R_left.T)
-        optional = folder.name == _TRUTHS[0] and not (folder / "sensor.yaml").exists()
+        optional = folder.name == _TRUTHS[0] and not os.path.exists(folder / "sensor.yaml")
         T_sensor_camera = T_body_camera if optional else inverse(_place(folder)) @ T_body_camera
-        return poses_at(self.stamps, stamps, T_world_sensor) @ T_sensor_camera
+        known, wanted = poses_at(self.stamps, stamps, T_world_sensor), "poses at most 0.1 s before and after one"
+        return some_known(known, folder / "data.csv", wanted) @ T_sensor_camera
 
     def __len__(self) -> int:
         return len(self._frames.files)
@@ -133,7 +137,7 @@ def _listed(camera: Path) -> tuple[dict[int, Path], list[str]]:
     named = dict.fromkeys(name for _, name in rows)
     if len(named) < len(rows):
         raise bad_input(path, "has a file name twice", _LISTED)
-    lone = [f"{camera.name}/{name}" for name in (*named, *files) if (name in named) != (name in files)]
+    lone = [one_line(f"{camera.name}/{name}") for name in (*named, *files) if (name in named) != (name in files)]
     return {stamp: files[name] for stamp, name in rows if name in files}, lone
 
 
@@ -144,13 +148,13 @@ def _measured(path: Path) -> tuple[FloatArray, FloatArray]:
     rows = table(path, _POSES, ",")
     short = next((row for row in rows if len(row[1]) < 8), None)
     if short:
-        raise InputError(f"{path}: line {short[0]} has {len(short[1])} values, expected {_POSES}")
+        raise bad_input(path, f"line {short[0]} has {len(short[1])} values", _POSES)
     stamps = seconds([whole(path, row, row[1][0], _POSES) for row in rows])
     check_stamps(path, stamps, "nanoseconds")
     values = np.array([numbers(path, row, row[1][1:8], _POSES) for row in rows])
     norm = np.linalg.norm(values[:, 3:], axis=1)
     if (bad := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
-        raise InputError(f"{path}: the quaternion of pose {bad[0] + 1} has norm {norm[bad[0]]:.4g}, expected 1")
+        raise bad_input(path, f"the quaternion of pose {bad[0] + 1} has norm {norm[bad[0]]:.4g}", "1")
     R = Rotation.from_quat(values[:, [4, 5, 6, 3]]).as_matrix()
     return stamps, motions(R, values[:, :3])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from datetime import datetime
@@ -12,10 +13,11 @@ import numpy as np
 
 from .._files import PathLike, bad_input, read_bytes
 from ..errors import InputError
-from ..types import FloatArray, Rig, StereoPair
+from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.formats._source import Source
 from ..vision.formats.kitti import parse_kitti, read_kitti
 from ._pairing import (
+    LAST_STAMP,
     NANOSECONDS,
     Frames,
     Paired,
@@ -26,6 +28,7 @@ from ._pairing import (
     numbers,
     pair_by_number,
     pair_by_stamp,
+    path_of,
     rigid,
     seconds,
     size_of_first,
@@ -34,12 +37,14 @@ from ._pairing import (
 )
 
 _DATE = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{1,9})")
-_DATES = "a time for each image, such as 2011-09-26 14:05:35.500923136"
+_DATES = "a time for each image, such as 2011-09-26 14:05:35.500923136, from 1970 to 2261"
 _TIMES = "a time in seconds for each image"
 _POSES = "lines of 12 numbers: the upper three rows of a pose, row by row"
-_CALIBRATION = "a calibration of KITTI"
+_CALIBRATION, _SEQUENCE = "a calibration of KITTI", "a sequence of KITTI"
 _LARGEST_CALIBRATION = 1 << 20  # bytes
 _BESIDE = 1e-2  # of the baseline: how far camera 3 may be off the x axis of camera 2
+_FARTHEST = 1e6  # m, of a camera from camera 0
+_GREY = re.compile(r"\b(P|[A-Z]_(?:rect_)?0)([01])\b")  # a key of cameras 0 and 1
 _OF_A_CAMERA = ("S", "K", "D", "R", "T", "S_rect", "R_rect", "P_rect")
 
 
@@ -82,7 +87,7 @@ class KittiSequence:
     --------
     >>> KittiSequence("no-such-folder")
     Traceback (most recent call last):
-    tspslam.errors.InputError: no-such-folder: lacks the folder image_0 or image_00, expected a sequence of KITTI
+    tspslam.errors.InputError: no-such-folder: lacks the folder image_0 or image_00; expected a sequence of KITTI
     """
 
     rig: Rig
@@ -90,7 +95,7 @@ class KittiSequence:
     unpaired: list[str]
 
     def __init__(self, path: PathLike, *, colour: bool = False, poses: PathLike | None = None) -> None:
-        self.path = Path(path)
+        self.path = path_of(path)
         self._cameras = ("2", "3") if colour else ("0", "1")
         self._is_raw = _is_raw(self.path, self._cameras[0])
         if self._is_raw:
@@ -98,9 +103,9 @@ class KittiSequence:
         paired = self._paired()
         self._source = _calibration(self.path, self._is_raw)
         named = _as_grey(self._source, self._is_raw) if colour else self._source
-        self._frames = Frames(paired, read_kitti(named, size_of_first(paired.files)).cameras)
+        self._frames = Frames(paired, _cameras_of(named, size_of_first(paired.files), self._source))
         self.rig, self.stamps, self.unpaired = self._frames.rig, self._frames.stamps, paired.unpaired
-        self._poses = _poses_of(self.path) if poses is None else Path(poses)
+        self._poses = _poses_of(self.path) if poses is None else path_of(poses)
         if poses is not None:
             _ = self.truth
 
@@ -156,21 +161,19 @@ class KittiSequence:
     def _T_zero_camera(self) -> FloatArray:
         """Place of the pairs' left camera in the rectified camera 0's frame, (4, 4)."""
         camera = self._cameras[0]
-        P = self._source.matrix(f"P_rect_{camera}" if self._is_raw else f"P{camera}", 3, 4)
-        place = motion(np.eye(3), -_shift(P))
+        place = motion(np.eye(3), -_shift(self._source, f"P_rect_{camera}" if self._is_raw else f"P{camera}"))
         if not self._frames.is_turned:
             return place
         return place @ motion(self._source.matrix(f"R_rect_{camera}", 3, 3) @ self._frames.R_left.T)
 
 
 def _is_raw(path: Path, camera: str) -> bool:
-    if (path / f"image_{camera}").is_dir():
-        return False
-    if (path / f"image_0{camera}").is_dir():
-        return True
-    there = [k for k in "02" if (path / f"image_{k}").is_dir() or (path / f"image_0{k}").is_dir()]
+    for prefix in ("", "0"):
+        if os.path.isdir(path / f"image_{prefix}{camera}"):
+            return prefix == "0"
+    there = any(os.path.isdir(path / f"image_{k}") for k in ("0", "2", "00", "02"))
     hint = f" (or colour={camera == '0'}, whose images are there)" if there else ""
-    raise InputError(f"{path}: lacks the folder image_{camera} or image_0{camera}, expected a sequence of KITTI{hint}")
+    raise bad_input(path, f"lacks the folder image_{camera} or image_0{camera}", f"{_SEQUENCE}{hint}")
 
 
 def _read_times(path: Path) -> list[float]:
@@ -193,10 +196,13 @@ def _nanoseconds(path: Path, line: int, text: str) -> int:
     said = _DATE.fullmatch(text)
     try:
         day, time, part = said.groups() if said else ("", "", "")
-        whole = datetime.fromisoformat(f"{day}T{time}+00:00")
-    except ValueError as error:
-        raise bad_input(path, f"line {line} has {text[:40]!r}", _DATES) from error
-    return int(whole.timestamp()) * NANOSECONDS + int(part.ljust(9, "0"))
+        whole = int(datetime.fromisoformat(f"{day}T{time}+00:00").timestamp())
+    except ValueError:
+        whole = -1
+    stamp = whole * NANOSECONDS + int(part.ljust(9, "0"))
+    if not 0 <= stamp <= LAST_STAMP:
+        raise bad_input(path, f"line {line} has {text[:40]!r}", _DATES)
+    return stamp
 
 
 def _calibration(path: Path, is_raw: bool) -> Source:
@@ -204,23 +210,34 @@ def _calibration(path: Path, is_raw: bool) -> Source:
     place = path / "calib.txt"
     if is_raw:
         name = "calib_cam_to_cam.txt"
-        place = next((at for at in (path / name, path.resolve().parent / name) if at.exists()), path / name)
-    text = read_bytes(place, _CALIBRATION, _LARGEST_CALIBRATION).decode("utf-8", "replace")
+        place = next((at for at in (path / name, path.resolve().parent / name) if os.path.exists(at)), path / name)
+    text = read_bytes(place, _CALIBRATION, _LARGEST_CALIBRATION).decode("utf-8-sig", "replace")
     return parse_kitti(text, place)
 
 
+def _cameras_of(named: Source, size: tuple[int, int], source: Source) -> Rig | RawRig:
+    """Cameras of a source; if it names the colour cameras of another one as grey ones, an error has their own names."""
+    try:
+        return read_kitti(named, size).cameras
+    except InputError as error:
+        if named is source:
+            raise
+        said = _GREY.sub(lambda key: f"{key[1]}{int(key[2]) + 2}", str(error).removeprefix(": "))
+        raise source.error(said) from error
+
+
 def _as_grey(source: Source, is_raw: bool) -> Source:
-    """Values of the colour cameras 2 and 3 under the names of 0 and 1, measured from camera 2."""
+    """Values of the colour cameras 2 and 3 under the names of 0 and 1, measured from camera 2; without a path."""
     names = ("P_rect_02", "P_rect_03") if is_raw else ("P2", "P3")
     left, right = (source.matrix(name, 3, 4) for name in names)
-    x, y, z = _shift(right) - _shift(left)
+    x, y, z = _shift(source, names[1]) - _shift(source, names[0])
     if max(abs(y), abs(z)) > _BESIDE * abs(x):
         raise source.error(
             f"{names[1]} is {y:.3g} and {z:.3g} m off {names[0]} in y and z, expected less than 1 % of x"
         )
     left[:, 3], right[:, 3] = 0, (right[0, 0] * x, 0, 0)
     if not is_raw:
-        return Source(source.path, {"P0": left.tolist(), "P1": right.tolist()})
+        return Source("", {"P0": left.tolist(), "P1": right.tolist()})
     values = {
         f"{name}_{new}": source.value(f"{name}_{old}", "the values of the colour cameras")
         for name in _OF_A_CAMERA
@@ -230,19 +247,26 @@ def _as_grey(source: Source, is_raw: bool) -> Source:
     R = R_03 @ R_02.T
     t = np.array(source.vector("T_03", 3)) - R @ source.vector("T_02", 3)
     values |= {"R_00": np.eye(3).tolist(), "T_00": [0.0, 0.0, 0.0], "R_01": R.tolist(), "T_01": t.tolist()}
-    return Source(source.path, values | {"P_rect_00": left.tolist(), "P_rect_01": right.tolist()})
+    return Source("", values | {"P_rect_00": left.tolist(), "P_rect_01": right.tolist()})
 
 
-def _shift(P: FloatArray) -> FloatArray:
+def _shift(source: Source, name: str) -> FloatArray:
     """Return t of ``P = K [I | t]``, m: a point of camera 0's frame is at ``x + t`` in this camera's."""
-    return np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
+    P = source.matrix(name, 3, 4)
+    try:
+        t = np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
+    except np.linalg.LinAlgError:
+        t = np.full(3, np.nan)
+    if not (np.abs(t) <= _FARTHEST).all():
+        raise source.wrong(name, P.tolist(), "a projection K [I | t] with |t| at most 1e6 m")
+    return t
 
 
 def _poses_of(path: Path) -> Path | None:
     """File of true poses in the place that KITTI has for it."""
     own = path.resolve()
     places = (path / "poses.txt", own.parent.parent / "poses" / f"{own.name}.txt")
-    return next((place for place in places if place.exists()), None)
+    return next((place for place in places if os.path.exists(place)), None)
 
 
 def _read_poses(path: Path) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections import deque
 from collections.abc import Iterator
 from functools import cached_property
@@ -10,21 +12,23 @@ from pathlib import Path
 import numpy as np
 
 from .._files import PathLike, bad_input
-from ..errors import InputError
 from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.formats import read_calibration
 from ._pairing import (
     Frames,
+    Row,
     check_stamps,
     motion,
     name_of,
     numbered,
     numbers,
     pair_by_number,
+    path_of,
     rigid,
     seconds,
     size_of_first,
     some,
+    some_known,
     table,
     whole,
 )
@@ -43,6 +47,8 @@ _STAMPS = "timestamps_images.txt"
 _TEMPORAL, _SPATIAL = "transforms_temporal.txt", "transforms_spatial.txt"
 _STAMPED = "lines of a pose's number, a comma and its stamp in nanoseconds"
 _ROWS = "lines of run, pose, neighbour's run and pose, and a 3 x 4 or 4 x 4 transform, separated by commas"
+_RUN = re.compile(r"run_([0-9]{1,9})")
+_APART = 1e-2  # of two transforms between the same poses, m, and of their rotations' entries
 _Pose = tuple[int, int]  # run and pose
 _Edge = tuple[_Pose, _Pose, FloatArray]  # pose, neighbour, T_neighbour_pose
 
@@ -73,8 +79,8 @@ class UtiasRun:
     Raises
     ------
     InputError
-        If a part is missing or cannot be read, stamps do not increase or are no nanoseconds, images have not the size
-        of the calibration, or no pair is found.
+        If a part is missing or cannot be read, stamps do not increase with the poses or are no nanoseconds, images
+        have not the size of the calibration, or no pair is found.
 
     Examples
     --------
@@ -88,7 +94,7 @@ class UtiasRun:
     unpaired: list[str]
 
     def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
-        self.path = Path(path)
+        self.path = path_of(path)
         left, right = (numbered(self.path / "images" / side) for side in ("left", "right"))
         paired = pair_by_number(left, right, _stamps(self.path / _STAMPS), ("left", "right"))
         some(paired, self.path, f"images/left and images/right of one number with a stamp in {_STAMPS}")
@@ -113,7 +119,8 @@ class UtiasRun:
         repeated run without this file is placed by its `transforms_spatial.txt` against the run that was taught, if
         its folder is beside this one; then the world is the camera's frame at that run's first pose. Rows are NaN for
         poses that the chain does not reach. These are estimates of visual odometry and localisation, good from one
-        pose to the next. InputError if a file is bad.
+        pose to the next. InputError if a file is bad, is of another run than the folder's name says, has two rows
+        that contradict each other, or places no image.
         """
         found = _edges_of(self.path)
         if found is None:
@@ -125,7 +132,7 @@ class UtiasRun:
         for k, (left, _) in enumerate(self._frames.files):
             if (run, int(left.stem)) in placed:
                 truth[k] = _mount() @ placed[run, int(left.stem)] @ T_vehicle_camera
-        return truth
+        return some_known(truth, self.path, f"transforms of run {run} to the poses that images are named by")
 
     def __len__(self) -> int:
         return len(self._frames.files)
@@ -145,6 +152,9 @@ def _stamps(path: Path) -> dict[int, float]:
     if len({len(words) for _, words in rows}) > 1:
         raise bad_input(path, "has lines of one and of two values", _STAMPED)
     poses = [whole(path, row, row[1][0], _STAMPED) if len(row[1]) == 2 else k for k, row in enumerate(rows)]
+    for k, (line, _) in enumerate(rows[1:], 1):
+        if poses[k] <= poses[k - 1]:
+            raise bad_input(path, f"line {line} has pose {poses[k]} behind {poses[k - 1]}", "numbers that increase")
     times = seconds([whole(path, row, row[1][-1], _STAMPED) for row in rows])
     check_stamps(path, times, "nanoseconds")
     return dict(zip(poses, times.tolist(), strict=True))
@@ -152,12 +162,12 @@ def _stamps(path: Path) -> dict[int, float]:
 
 def _cameras(run: Path, calib: PathLike | None, size: tuple[int, int]) -> Rig | RawRig:
     places = [folder / name for folder in (run, run.resolve().parent) for name in ("calib.yaml", "calib.txt")]
-    path = calib if calib is not None else next((place for place in places if place.exists()), None)
+    path = next((place for place in places if os.path.exists(place)), None) if calib is None else path_of(calib)
     if path is not None:
         return read_calibration(path, size).cameras
     if size != (_RIG.width, _RIG.height):
         wanted = f"{_RIG.width} x {_RIG.height} px, or a calibration (calib=)"
-        raise InputError(f"{run}: images are {size[0]} x {size[1]} px and there is no calib.yaml, expected {wanted}")
+        raise bad_input(run, f"images are {size[0]} x {size[1]} px and there is no calib.yaml", wanted)
     return _RIG
 
 
@@ -168,15 +178,18 @@ def _mount() -> FloatArray:
 
 def _edges_of(run: Path) -> tuple[int, list[_Edge]] | None:
     """Number of the run and the transforms that place its poses; None if there are no such files."""
-    if (run / _TEMPORAL).exists():
-        edges = _edges(run / _TEMPORAL)
-        return edges[0][0][0], edges
-    if not (run / _SPATIAL).exists():
+    file = next((run / name for name in (_TEMPORAL, _SPATIAL) if os.path.exists(run / name)), None)
+    if file is None:
         return None
-    spatial = _edges(run / _SPATIAL)
-    (own, _), (taught, _), _ = spatial[0]
+    edges = _edges(file)
+    (own, _), (taught, _), _ = edges[0]
+    named = _RUN.fullmatch(name_of(run))
+    if named and int(named[1]) != own:
+        raise bad_input(file, f"is of run {own}", f"transforms of run {int(named[1])}, as the folder's name says")
+    if file.name == _TEMPORAL:
+        return own, edges
     path = run.resolve().parent / f"run_{taught:06d}" / _TEMPORAL
-    return (own, _edges(path) + spatial) if path.exists() else None
+    return (own, _edges(path) + edges) if os.path.exists(path) else None
 
 
 def _edges(path: Path) -> list[_Edge]:
@@ -189,10 +202,23 @@ def _edges(path: Path) -> list[_Edge]:
                 path, f"line {line} ends with {tail[12:]}", "a 4 x 4 transform with the last row 0, 0, 0, 1"
             )
     T = rigid(path, np.array([tail[:12] for tail in values]).reshape(-1, 3, 4))
-    return [((a, b), (c, d), each) for (a, b, c, d), each in zip(names, T, strict=True)]
+    edges = [((a, b), (c, d), each) for (a, b, c, d), each in zip(names, T, strict=True)]
+    _check_agreement(path, rows, edges)
+    return edges
 
 
-def _number(path: Path, row: tuple[int, list[str]], word: str) -> int:
+def _check_agreement(path: Path, rows: list[Row], edges: list[_Edge]) -> None:
+    """Refuse two transforms between the same poses that are not the same, in either direction."""
+    known: dict[tuple[_Pose, _Pose], FloatArray] = {}
+    for (line, _), (one, other, T) in zip(rows, edges, strict=True):
+        before = np.eye(4) if one == other else known.get((one, other))
+        if before is not None and np.abs(T - before).max() > _APART:
+            said = f"line {line} contradicts what is known of poses {one[1]} and {other[1]}"
+            raise bad_input(path, said, "one transform between two poses")
+        known[one, other], known[other, one] = T, np.linalg.inv(T).astype(np.float64)
+
+
+def _number(path: Path, row: Row, word: str) -> int:
     """A whole number that may be written as 1.2e+01."""
     (value,) = numbers(path, row, [word], _ROWS)
     if not (value.is_integer() and 0 <= value < 1e9):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ class Renderer:
         """(F, 3, 3) corners of all triangles in the camera's frame."""
         R, t = pose[:3, :3], pose[:3, 3]
         shapes = self._scene.shapes
-        return np.concatenate([((shape.world_vertices(stamp) - t) @ R)[np.asarray(shape.faces)] for shape in shapes])
+        return np.concatenate([((shape.world_vertices(stamp) - t) @ R)[shape.faces] for shape in shapes])
 
 
 @lru_cache(maxsize=4)
@@ -127,12 +128,12 @@ class _Tiles:
 
     def __init__(self, leaves_seed: int) -> None:
         self._seed = leaves_seed
-        self._numbers: dict[int, int] = {}
+        self._numbers: dict[bytes, int] = {}
         self._pyramids: list[tuple[NDArray[np.float32], ...]] = []
 
     def number(self, shape: Shape) -> int:
         image = shape.texture.image
-        key = -1 if image is None else id(image)
+        key = b"" if image is None else sha256(image.tobytes()).digest()
         if key not in self._numbers:
             self._numbers[key] = len(self._pyramids)
             tile = _levels(self._seed) if image is None else tuple(pyramid(shape.texture.tile(self._seed)))
@@ -151,7 +152,7 @@ class _Tiles:
 
 def _facing(shape: Shape) -> tuple[NDArray[np.int64], FloatArray]:
     """Which of six sides each triangle faces, and the (F, 3, 2) coordinates of its corners along that side, m."""
-    corners = np.asarray(shape.vertices, np.float64)[np.asarray(shape.faces)]
+    corners = shape.vertices[shape.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = np.abs(normal).argmax(axis=1)
     along = np.array([[1, 2], [0, 2], [0, 1]])[axis]
@@ -161,7 +162,7 @@ def _facing(shape: Shape) -> tuple[NDArray[np.int64], FloatArray]:
 
 def _lit(shape: Shape, side: int) -> float:
     """How much light one of a shape's six sides gets."""
-    normal = np.asarray(shape.pose)[:3, side // 2] * (1 if side % 2 else -1)
+    normal = shape.pose[:3, side // 2] * (1 if side % 2 else -1)
     return float(_AMBIENT + (1 - _AMBIENT) * normal @ _LIGHT)
 
 

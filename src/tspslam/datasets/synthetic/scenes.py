@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import InputError
 from ...types import FloatArray
+from ._checks import MOST_POSES, number, whole
 from .shapes import Scene, Shape, box, plane, pose_at, sphere, torus
-from .texture import Texture, check_seed
+from .texture import Texture
 
 _FLAT = np.pi / 2  # turns a plane that faces the camera into a floor
-_LONGEST = 10_000.0  # m
+_SHORTEST, _LONGEST = 1e-3, 10_000.0  # m
 
 
 def street(length: float = 300.0, *, step: float = 1.0, seed: int = 0) -> Scene:
@@ -21,9 +21,9 @@ def street(length: float = 300.0, *, step: float = 1.0, seed: int = 0) -> Scene:
     Parameters
     ----------
     length : float
-        Of the camera's path, m.
+        Of the camera's path, m, at most 10 000.
     step : float
-        Between frames, m.
+        Between frames, m; at most 100 000 of them.
     seed : int
         Of the houses, the cars and their texture.
 
@@ -37,12 +37,11 @@ def street(length: float = 300.0, *, step: float = 1.0, seed: int = 0) -> Scene:
     >>> len(street(20).path)
     21
     """
-    along = _stations("street", length, step)
-    check_seed(seed, "street")
-    rng = np.random.default_rng((1, seed))
+    length, along = _stations("street", length, step)
+    rng = _generator("street", 1, seed)
     bend = _bend(12.0, 180.0)
     ahead = length + 80
-    ground = plane(2000, 2000, texture=_random(rng, 0.45, 0.7), name="road")
+    ground = plane(2000, length + 2000, texture=_random(rng, 0.45, 0.7), name="road")
     shapes = [ground.at(0, 1.65, length / 2, turn=(_FLAT, 0, 0))]
     for side in (-1, 1):
         for z in _places(rng, -15, ahead, 9, 16):
@@ -68,9 +67,8 @@ def corridor(length: float = 300.0, *, step: float = 0.5, seed: int = 0) -> Scen
     >>> corridor(10).path.shape
     (21, 4, 4)
     """
-    along = _stations("corridor", length, step)
-    check_seed(seed, "corridor")
-    rng = np.random.default_rng((2, seed))
+    length, along = _stations("corridor", length, step)
+    rng = _generator("corridor", 2, seed)
     middle, span = length / 2, length + 60
     sides = (
         plane(2.6, span, texture=_random(rng, 0.4, 0.6), name="floor").at(0, 1.4, middle, turn=(_FLAT, 0, 0)),
@@ -97,9 +95,9 @@ def room(*, laps: float = 1.0, frames: int = 240, seed: int = 0) -> Scene:
     Parameters
     ----------
     laps : float
-        How often the loop is walked.
+        How often the loop is walked, up to 100 times.
     frames : int
-        Poses of one lap.
+        Poses of one lap, 8 or more; at most 100 000 in all.
     seed : int
         Of the furniture and the texture.
 
@@ -113,13 +111,12 @@ def room(*, laps: float = 1.0, frames: int = 240, seed: int = 0) -> Scene:
     >>> room(frames=40).path.shape
     (40, 4, 4)
     """
-    if not (0 < laps <= 100 and 8 <= frames <= 100_000):
-        raise InputError(f"room: laps, frames are {laps}, {frames}, expected up to 100, and 8 to 100000")
-    check_seed(seed, "room")
-    rng = np.random.default_rng((3, seed))
+    frames = whole(frames, "room: frames", 8, MOST_POSES)
+    count = round(number(laps, "room: laps", 1 / frames, min(100, MOST_POSES / frames)) * frames)
+    rng = _generator("room", 3, seed)
     walls = _walls(rng, 12.0, 9.0)
     things = _furniture(rng)
-    turn = 2 * np.pi * np.arange(round(laps * frames)) / frames
+    turn = 2 * np.pi * np.arange(count) / frames
     # the ellipse begins at the origin, towards +z; its middle is to the right
     path = np.stack([_pose(3.6 * (1 - np.cos(a)), 2.4 * np.sin(a), _heading(a)) for a in turn])
     return Scene((*walls, *things), path, leaves=seed, name="room")
@@ -131,9 +128,9 @@ def still(frames: int = 200, *, depth: float = 3.0, seed: int = 0) -> Scene:
     Parameters
     ----------
     frames : int
-        How many poses, all the same.
+        How many poses, all the same; at most 100 000.
     depth : float
-        Of the wall, m.
+        Of the wall, m, 0.5 to 1000.
     seed : int
         Of the boxes and the texture.
 
@@ -142,11 +139,9 @@ def still(frames: int = 200, *, depth: float = 3.0, seed: int = 0) -> Scene:
     >>> bool((still(3).path == np.eye(4)).all())
     True
     """
-    if not (1 <= frames <= 100_000 and 0.5 <= depth <= 1000):
-        raise InputError(f"still: frames, depth are {frames}, {depth}, expected 1 to 100000 and 0.5 to 1000 m")
-    check_seed(seed, "still")
-    rng = np.random.default_rng((4, seed))
-    texel = depth / 500
+    frames = whole(frames, "still: frames", 1, MOST_POSES)
+    depth = number(depth, "still: depth", 0.5, 1000, "m")
+    rng, texel = _generator("still", 4, seed), depth / 500
     wall = plane(4 * depth, 4 * depth, texture=_random(rng, 0.5, 0.9, texel=texel), name="wall").at(0, 0, depth)
     boxes = []
     for _ in range(6):
@@ -197,10 +192,17 @@ def _places(rng: np.random.Generator, first: float, last: float, least: float, m
     return places[:-1]
 
 
-def _stations(name: str, length: float, step: float) -> FloatArray:
-    if not (0 < length <= _LONGEST and 1e-3 <= step <= length):
-        raise InputError(f"{name}: length, step are {length}, {step}, expected up to 10000 m and 1 mm to the length")
-    return np.linspace(0, step * int(length / step + 1e-9), int(length / step + 1e-9) + 1, dtype=np.float64)
+def _stations(name: str, length: float, step: float) -> tuple[float, FloatArray]:
+    """Length of the path, and where along it a frame is taken."""
+    length = number(length, f"{name}: length", _SHORTEST, _LONGEST, "m")
+    step = number(step, f"{name}: step", max(_SHORTEST, length / (MOST_POSES - 1)), length, "m")
+    count = int(length / step + 1e-9)
+    return length, np.linspace(0, step * count, count + 1, dtype=np.float64)
+
+
+def _generator(name: str, kind: int, seed: int) -> np.random.Generator:
+    """Chance of a ready world, which is another one for each kind."""
+    return np.random.default_rng((kind, whole(seed, f"{name}: seed", 0)))
 
 
 def _bend(sway: float, period: float) -> Callable[[float], tuple[float, float]]:

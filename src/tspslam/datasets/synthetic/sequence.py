@@ -12,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...types import FloatArray, Rig, StereoPair
+from ...types import FloatArray, Rig, StereoPair, real_array
+from ...vision.rig import LARGEST_AREA, LARGEST_SIDE
+from .._pairing import checked_index
+from ._checks import finite, instance, keep, number, refused, whole
 from .render import Geometry, Renderer
-from .shapes import Scene, finite, pose_at
-from .texture import check_seed
+from .shapes import Scene, pose_at
+
+_MOST_STOPS = 10.0
 
 PAPER_RIG = Rig(fx=387.77, fy=387.77, cx=257.446, cy=197.718, baseline=0.24, width=512, height=384)
 """The camera of the paper's data."""
@@ -32,7 +36,7 @@ class Faults:
     blur : float
         Standard deviation of a Gaussian blur, px.
     exposure : float or (T,) floats
-        Gain of both images, stops: of each frame, or the standard deviation of a random one.
+        Gain of both images, stops: the standard deviation of a random one, not negative, or the gain of each frame.
     dropped : tuple of int
         Frames that were lost; the others keep their index and stamp.
     right_turn : (3,) floats
@@ -62,14 +66,38 @@ class Faults:
     eight_bit: bool = True
 
     def __post_init__(self) -> None:
-        stops = finite(np.atleast_1d(self.exposure), "faults: exposure", (None,))
-        if not (0 <= self.noise <= 1 and 0 <= self.blur <= 50 and (np.abs(stops) <= 10).all()):
-            raise InputError(
-                f"faults: noise, blur, exposure are {self.noise}, {self.blur}, {self.exposure}, "
-                "expected 0 to 1, 0 to 50 px and at most 10 stops"
-            )
-        finite(self.right_turn, "faults: right_turn", (3,))
-        finite(self.right_shift, "faults: right_shift", (2,))
+        keep(
+            self,
+            noise=number(self.noise, "faults: noise", 0, 1),
+            blur=number(self.blur, "faults: blur", 0, 50, "px"),
+            exposure=_exposure(self.exposure),
+            dropped=_dropped(self.dropped),
+            right_turn=tuple(finite(self.right_turn, "faults: right_turn", (3,)).tolist()),
+            right_shift=tuple(finite(self.right_shift, "faults: right_shift", (2,)).tolist()),
+            eight_bit=instance(bool, self.eight_bit, "faults: eight_bit"),
+        )
+
+
+def _exposure(values: Any) -> float | tuple[float, ...]:
+    if np.ndim(real_array(values, "faults: exposure", "a number, or one of each frame")) == 0:
+        return number(values, "faults: exposure", 0, _MOST_STOPS, "stops")
+    return tuple(finite(values, "faults: exposure", (None,), _MOST_STOPS).tolist())
+
+
+def _dropped(values: Any) -> tuple[int, ...]:
+    numbers = real_array(values, "faults: dropped", "(n,) frames")
+    if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
+        raise refused("faults: dropped", values, "a tuple of numbers of frames")
+    return tuple(int(each) for each in numbers)
+
+
+def _drawable(rig: Any) -> Rig:
+    """Return a rig whose images are not too large."""
+    width, height = instance(Rig, rig, "sequence: rig").width, rig.height
+    if max(width, height) > LARGEST_SIDE or width * height > LARGEST_AREA:
+        wanted = f"at most {LARGEST_SIDE} a side and {LARGEST_AREA} in all"
+        raise InputError(f"sequence: the rig is for {width} x {height} px, expected {wanted}")
+    return rig
 
 
 class SyntheticSequence:
@@ -106,8 +134,8 @@ class SyntheticSequence:
     Raises
     ------
     InputError
-        If every frame is dropped, a dropped one is not on the path, exposure has another length than the path, or the
-        rate is not positive.
+        If every frame is dropped, a dropped one is not on the path, exposure has another length than the path, the
+        rate is not positive, or the rig's images are larger than 64 megapixels.
 
     Examples
     --------
@@ -127,20 +155,19 @@ class SyntheticSequence:
     def __init__(
         self, scene: Scene, rig: Rig = PAPER_RIG, faults: Faults | None = None, *, seed: int = 0, rate: float = 10.0
     ) -> None:
-        self.scene, self.rig, self.faults, self._seed = scene, rig, faults or Faults(), seed
-        check_seed(seed, "sequence")
-        if not 1e-3 <= rate <= 1e6:
-            raise InputError(f"sequence: rate is {rate}, expected frames a second, 1e-3 to 1e6")
+        self.scene, self.rig = instance(Scene, scene, "sequence: scene"), _drawable(rig)
+        self.faults = Faults() if faults is None else instance(Faults, faults, "sequence: faults")
+        self._seed = whole(seed, "sequence: seed", 0)
         count = len(scene.path)
         dropped = set(self.faults.dropped)
         if not dropped <= set(range(count)) or len(dropped) == count:
             raise InputError(f"sequence: dropped frames {sorted(dropped)[:3]} ..., expected some of 0 to {count - 1}")
-        stops = np.atleast_1d(self.faults.exposure)
-        if np.ndim(self.faults.exposure) and len(stops) != count:
+        stops = self.faults.exposure
+        if isinstance(stops, tuple) and len(stops) != count:
             raise InputError(f"sequence: exposure has {len(stops)} values, expected one for each of {count} frames")
         self.indices = np.array([k for k in range(count) if k not in dropped], np.int64)
-        self.stamps = self.indices / rate
-        self.truth = np.asarray(scene.path, np.float64)[self.indices]
+        self.stamps = self.indices / number(rate, "sequence: rate", 1e-3, 1e6, "frames a second")
+        self.truth = scene.path[self.indices]
 
     @property
     def name(self) -> str:
@@ -152,7 +179,7 @@ class SyntheticSequence:
 
     def __getitem__(self, place: int) -> StereoPair:
         """Render pair `place` of those that were not dropped; IndexError past the end."""
-        place = range(len(self))[place]
+        place = checked_index(place, len(self))
         index = int(self.indices[place])
         with ThreadPoolExecutor(2) as pool:
             left, right = pool.map(lambda side: self._take(place, side), (0, 1))
@@ -164,7 +191,7 @@ class SyntheticSequence:
 
     def geometry(self, place: int) -> Geometry:
         """Tell the truth behind each pixel of the left image of pair `place`: depth, normal, label, disparity."""
-        place = range(len(self))[place]
+        place = checked_index(place, len(self))
         return self._renderer.geometry(self.rig, self.truth[place], float(self.stamps[place]))
 
     @cached_property
@@ -197,6 +224,6 @@ class SyntheticSequence:
 
     def _stops(self, index: int) -> float:
         exposure = self.faults.exposure
-        if np.ndim(exposure):
-            return float(np.asarray(exposure)[index])
+        if isinstance(exposure, tuple):
+            return exposure[index]
         return float(np.random.default_rng((self._seed, index, 2)).normal(0, exposure)) if exposure else 0.0

@@ -10,15 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...types import FloatArray, real_array
-from .texture import Texture, check_seed
+from ._checks import FARTHEST, MOST_POSES, finite, instance, keep, label, number, refused, rigid, whole
+from .texture import Texture
 
-_FARTHEST = 1e6  # m
+_SMALLEST = 1e-6  # m
 _MOST_FACES = 2_000_000
+_MOST_VERTICES = 1_000_000  # of a ready shape
 
 
 @dataclass(frozen=True)
 class Shape:
     """A textured triangle mesh somewhere in the world, perhaps moving.
+
+    Each triangle is lit as the one of the six sides of the shape's own frame that it faces most, away from the frame's
+    origin; so where a mesh lies in its frame, and how it is turned in it, changes its brightness, by a half at most.
+    Arrays are copied, and the copies cannot be written to.
 
     Attributes
     ----------
@@ -55,17 +61,16 @@ class Shape:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        vertices = finite(self.vertices, f"shape {self.name}: vertices", (None, 3))
-        faces = real_array(self.faces, f"shape {self.name}: faces", "(F, 3)")
-        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or len(faces) > _MOST_FACES:
-            raise InputError(f"shape {self.name}: faces are {faces.dtype} {faces.shape}, expected (F, 3) integers")
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
-            raise InputError(
-                f"shape {self.name}: faces name vertices {faces.min()} to {faces.max()}, expected 0 to "
-                f"{len(vertices) - 1}"
-            )
-        finite(self.velocity, f"shape {self.name}: velocity", (3,))
-        check_rigid(finite(self.pose, f"shape {self.name}: pose", (4, 4)), f"shape {self.name}: pose")
+        what = f"shape {label(self.name, 'shape: name')}"
+        vertices = finite(self.vertices, f"{what}: vertices", (None, 3))
+        keep(
+            self,
+            vertices=vertices,
+            faces=_faces(self.faces, what, len(vertices)),
+            texture=instance(Texture, self.texture, f"{what}: texture"),
+            pose=rigid(self.pose, f"{what}: pose"),
+            velocity=tuple(finite(self.velocity, f"{what}: velocity", (3,)).tolist()),
+        )
 
     def at(self, x: float, y: float, z: float, *, turn: ArrayLike = (0.0, 0.0, 0.0)) -> Shape:
         """Place the shape: turned by a rotation vector, rad, about its origin, which goes to (x, y, z), m.
@@ -79,8 +84,8 @@ class Shape:
 
     def world_vertices(self, stamp: float = 0.0) -> FloatArray:
         """(V, 3) corners in the world at a time, m."""
-        moved = np.asarray(self.pose)[:3, 3] + stamp * np.asarray(self.velocity)
-        return np.asarray(self.vertices, np.float64) @ np.asarray(self.pose)[:3, :3].T + moved
+        moved = self.pose[:3, 3] + number(stamp, "stamp", -1e12, 1e12, "s") * np.asarray(self.velocity)
+        return self.vertices @ self.pose[:3, :3].T + moved
 
 
 @dataclass(frozen=True)
@@ -89,10 +94,10 @@ class Scene:
 
     Attributes
     ----------
-    shapes : tuple of Shape
+    shapes : tuple or list of Shape
         What there is; label 0 is the background, label k the k-th of them, counted from 1.
     path : (T, 4, 4) float64
-        ``T_world_camera`` of the left camera for each frame.
+        ``T_world_camera`` of the left camera for each frame, at most 100 000; it is copied.
     background : float
         Luminance where no shape is.
     leaves : int
@@ -118,18 +123,34 @@ class Scene:
     name: str = "scene"
 
     def __post_init__(self) -> None:
-        if not self.shapes or not all(isinstance(shape, Shape) for shape in self.shapes):
-            raise InputError(f"scene {self.name}: has {len(self.shapes)} shapes, expected one Shape or more")
-        path = finite(self.path, f"scene {self.name}: path", (None, 4, 4))
-        check_seed(self.leaves, f"scene {self.name}")
-        if not any(len(shape.faces) for shape in self.shapes):
-            raise InputError(f"scene {self.name}: its shapes have no face, expected one or more")
-        if not len(path) or not 0 <= self.background <= 1:
-            raise InputError(
-                f"scene {self.name}: {len(path)} poses, background {self.background}, expected one pose or more, 0 to 1"
-            )
-        for index, pose in enumerate(path):
-            check_rigid(pose, f"scene {self.name}: pose {index} of the path")
+        what = f"scene {label(self.name, 'scene: name')}"
+        path = rigid(self.path, f"{what}: path", (None, 4, 4))
+        whole(len(path), f"{what}: number of poses", 1, MOST_POSES)
+        keep(
+            self,
+            shapes=_shapes(self.shapes, what),
+            path=path,
+            background=number(self.background, f"{what}: background", 0, 1),
+            leaves=whole(self.leaves, f"{what}: leaves", 0),
+        )
+
+
+def _shapes(values: Any, what: str) -> tuple[Shape, ...]:
+    if not isinstance(values, tuple | list) or not values or not all(isinstance(shape, Shape) for shape in values):
+        raise refused(f"{what}: shapes", values, "a tuple of one Shape or more")
+    if not any(len(shape.faces) for shape in values):
+        raise InputError(f"{what}: its shapes have no face, expected one or more")
+    return tuple(values)
+
+
+def _faces(values: Any, what: str, count: int) -> NDArray[np.int64]:
+    """Return a copy of triples of `count` vertices."""
+    faces = real_array(values, f"{what}: faces", "(F, 3)")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or len(faces) > _MOST_FACES:
+        raise InputError(f"{what}: faces are {faces.dtype} {faces.shape}, expected (F, 3) integers, F to {_MOST_FACES}")
+    if faces.size and not 0 <= faces.min() <= faces.max() < count:
+        raise InputError(f"{what}: faces name vertices {faces.min()} to {faces.max()}, expected 0 to {count - 1}")
+    return faces.astype(np.int64)
 
 
 def plane(width: float, height: float, *, texture: Texture | None = None, name: str = "plane") -> Shape:
@@ -142,7 +163,7 @@ def plane(width: float, height: float, *, texture: Texture | None = None, name: 
     """
     x, y = _positive(name, width=width, height=height) / 2
     corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
-    return Shape(name, corners, np.array([[0, 1, 2], [0, 2, 3]]), texture or Texture())
+    return _made(name, corners, np.array([[0, 1, 2], [0, 2, 3]]), texture)
 
 
 def box(width: float, height: float, depth: float, *, texture: Texture | None = None, name: str = "box") -> Shape:
@@ -157,11 +178,11 @@ def box(width: float, height: float, depth: float, *, texture: Texture | None = 
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half
     sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
     faces = [triple for a, b, c, d in sides for triple in ((a, b, c), (a, c, d))]
-    return Shape(name, corners, np.array(faces), texture or Texture())
+    return _made(name, corners, np.array(faces), texture)
 
 
 def sphere(radius: float, *, rows: int = 48, texture: Texture | None = None, name: str = "sphere") -> Shape:
-    """Make a sphere around its origin, as a mesh of `rows` by 2 `rows` quadrangles.
+    """Make a sphere around its origin, as a mesh of `rows` (3 to 707) by 2 `rows` quadrangles.
 
     Examples
     --------
@@ -170,10 +191,11 @@ def sphere(radius: float, *, rows: int = 48, texture: Texture | None = None, nam
     0.5
     """
     (radius,) = _positive(name, radius=radius)
-    polar, turn = _grid(name, rows, 2 * rows, np.pi, closed=False)
+    rows = whole(rows, f"shape {name}: rows", 3, 707)
+    polar, turn = _grid(rows, 2 * rows, np.pi, closed=False)
     ring = radius * np.sin(polar)
     corners = np.stack([ring * np.cos(turn), radius * np.cos(polar), ring * np.sin(turn)], axis=1)
-    return Shape(name, corners, _quadrangles(rows, 2 * rows, closed=False), texture or Texture())
+    return _made(name, corners, _quadrangles(rows, 2 * rows, closed=False), texture)
 
 
 def torus(
@@ -190,7 +212,7 @@ def torus(
     major, minor : float
         R and r, m; r < R.
     rows, columns : int
-        3 or more; the mesh has rows · columns vertices and twice as many faces.
+        3 or more; the mesh has rows · columns vertices, at most 1e6, and twice as many faces.
     texture : Texture, optional
         Its look.
     name : str
@@ -205,10 +227,12 @@ def torus(
     R, r = _positive(name, major=major, minor=minor)
     if r >= R:
         raise InputError(f"shape {name}: minor radius is {r:g} m, expected less than the major one, {R:g} m")
-    a, b = _grid(name, rows, columns, 2 * np.pi, closed=True)
+    rows = whole(rows, f"shape {name}: rows", 3, _MOST_VERTICES // 3)
+    columns = whole(columns, f"shape {name}: columns", 3, _MOST_VERTICES // rows)
+    a, b = _grid(rows, columns, 2 * np.pi, closed=True)
     ring = R + r * np.cos(a)
     corners = np.stack([ring * np.cos(b), ring * np.sin(b), r * np.sin(a)], axis=1)
-    return Shape(name, corners, _quadrangles(rows, columns, closed=True), texture or Texture())
+    return _made(name, corners, _quadrangles(rows, columns, closed=True), texture)
 
 
 def pose_at(place: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
@@ -221,36 +245,17 @@ def pose_at(place: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
     return pose
 
 
-def finite(values: Any, what: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """`values` as float64 of a shape (None: any length), each finite and at most 1e6; InputError otherwise."""
-    said = " x ".join("n" if side is None else str(side) for side in shape)
-    array = real_array(values, what, said).astype(np.float64)
-    fits = array.ndim == len(shape) and all(b is None or a == b for a, b in zip(array.shape, shape, strict=True))
-    if not fits or not (np.abs(array) <= _FARTHEST).all():
-        raise InputError(f"{what} has shape {array.shape}, expected {said} finite numbers, at most 1e6")
-    return array
-
-
-def check_rigid(pose: FloatArray, what: str) -> None:
-    """Refuse a (4, 4) matrix that is no rigid motion, to 1e-6."""
-    R = pose[:3, :3]
-    off = max(float(np.abs(R @ R.T - np.eye(3)).max()), float(np.abs(pose[3] - (0, 0, 0, 1)).max()))
-    if off > 1e-6 or np.linalg.det(R) < 0:
-        raise InputError(f"{what} is off a rigid motion by {off:.2g}, expected rotation and translation, to 1e-6")
+def _made(name: str, vertices: FloatArray, faces: NDArray[np.int64], texture: Texture | None) -> Shape:
+    return Shape(name, vertices, faces, Texture() if texture is None else texture)
 
 
 def _positive(name: str, **sizes: float) -> FloatArray:
-    for what, size in sizes.items():
-        if not 0 < size <= _FARTHEST:
-            raise InputError(f"shape {name}: {what} is {size}, expected metres, positive, at most 1e6")
-    return np.array(list(sizes.values()), np.float64)
+    what = f"shape {label(name, 'shape: name')}"
+    return np.array([number(size, f"{what}: {side}", _SMALLEST, FARTHEST, "m") for side, size in sizes.items()])
 
 
-def _grid(name: str, rows: int, columns: int, span: float, *, closed: bool) -> tuple[FloatArray, FloatArray]:
+def _grid(rows: int, columns: int, span: float, *, closed: bool) -> tuple[FloatArray, FloatArray]:
     """Two angles of each vertex of a grid: the first spans `span`, the second a full turn."""
-    for what, count in (("rows", rows), ("columns", columns)):
-        if not (isinstance(count, int | np.integer) and 3 <= count <= 100_000) or rows * columns > _MOST_FACES // 2:
-            raise InputError(f"shape {name}: {what} is {count}, expected 3 or more, and at most 1e6 vertices")
     first = np.linspace(0, span, rows, endpoint=False) if closed else np.linspace(0, span, rows + 1)
     second = np.linspace(0, 2 * np.pi, columns, endpoint=False)
     a, b = np.meshgrid(first, second, indexing="ij")

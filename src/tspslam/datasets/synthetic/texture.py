@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...types import FloatArray
+from ...types import FloatArray, real_array
+from ._checks import keep, number, whole
 
 SIZE = 1024  # texels along a side of the leaves' tile
 _FINER = 2  # painted so much larger, then averaged
@@ -23,20 +24,21 @@ class Texture:
     """The look of a shape: a square tile laid over and over each of its sides.
 
     Leaves of random size, place and grey lie one over the other, two layers of them: the statistics of natural images
-    (edges, corners, every scale), and no two shapes alike.
+    (edges, corners, every scale). Shapes of different seeds show different parts of them; those of one seed, and the
+    six sides of one shape, begin at the same place.
 
     Attributes
     ----------
     seed : int
-        Which part of the leaves the shape shows.
+        Which part of the leaves the shape shows; give each shape its own.
     texel : float
         Size of a texel, m; the finest leaves are about six texels wide.
     brightness : float
-        Mean luminance.
+        Mean luminance, in full light (see `Shape`).
     contrast : float
         Share of the tile's contrast that is kept; 0 is a plain surface.
-    image : (n, n) array or None
-        A tile to show instead of the leaves, luminance in [0, 1]; n is a power of two, 2 to 4096.
+    image : (n, n) float32 or None
+        A tile to show instead of the leaves, luminance in [0, 1]; n is a power of two, 2 to 4096. It is copied.
 
     Raises
     ------
@@ -53,21 +55,21 @@ class Texture:
     texel: float = 0.01
     brightness: float = 0.5
     contrast: float = 1.0
-    image: NDArray[Any] | None = None
+    image: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        check_seed(self.seed, "texture")
-        if not (0 <= self.brightness <= 1 and 0 <= self.contrast <= 4 and 1e-6 <= self.texel <= 1e6):
-            raise InputError(
-                f"texture: brightness, contrast, texel are {self.brightness}, {self.contrast}, {self.texel}, "
-                "expected 0 to 1, 0 to 4 and 1e-6 to 1e6 m"
-            )
-        if self.image is not None:
-            _check_tile(np.asarray(self.image))
+        keep(
+            self,
+            seed=whole(self.seed, "texture: seed", 0),
+            texel=number(self.texel, "texture: texel", 1e-6, 1e6, "m"),
+            brightness=number(self.brightness, "texture: brightness", 0, 1),
+            contrast=number(self.contrast, "texture: contrast", 0, 4),
+            image=None if self.image is None else _tile(self.image),
+        )
 
     def tile(self, leaves_seed: int) -> NDArray[np.float32]:
         """(n, n) float32 luminance: the image, or the leaves of a world."""
-        return leaves(leaves_seed) if self.image is None else np.asarray(self.image, np.float32)
+        return leaves(leaves_seed) if self.image is None else self.image
 
     def look(self, shade: float) -> FloatArray:
         """Numbers that the renderer needs, for a side that is lit by `shade`."""
@@ -80,18 +82,15 @@ class Texture:
         return np.array([per_metre, fine_s, fine_t, *look, per_metre / _COARSER, coarse_s, coarse_t])
 
 
-def check_seed(seed: int, what: str) -> None:
-    """Refuse a seed that is no whole number from 0 on."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"{what}: seed is {seed!r}, expected a whole number, 0 or more")
-
-
-def _check_tile(image: NDArray[Any]) -> None:
+def _tile(values: Any) -> NDArray[np.float32]:
+    image = real_array(values, "texture: image", "(n, n)")
     side = image.shape[0] if image.ndim == 2 else 0
     if image.ndim != 2 or image.shape != (side, side) or not 2 <= side <= 4096 or side & (side - 1):
         raise InputError(f"texture: image has shape {image.shape}, expected (n, n), n a power of two, 2 to 4096")
     if image.dtype.kind != "f" or not ((image >= 0) & (image <= 1)).all():
-        raise InputError(f"texture: image is {image.dtype}, expected floats from 0 to 1")
+        span = f"{float(image.min()):g} to {float(image.max()):g}"
+        raise InputError(f"texture: image is {image.dtype} from {span}, expected floats from 0 to 1")
+    return image.astype(np.float32)
 
 
 @lru_cache(maxsize=4)
