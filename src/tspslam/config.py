@@ -20,6 +20,7 @@ from .topology.surface import DelaunaySurface
 from .vision.dense import GridDetector
 from .vision.descriptors import DescriptorMatcher
 from .vision.matching import RowMatcher
+from .vision.odometry import Tracking
 from .vision.onnx import OnnxDetector
 from .vision.orb import OrbDetector
 from .vision.reconstruct import PAPER_MATCHER
@@ -36,6 +37,7 @@ KINDS: dict[str, dict[str, type]] = {
         "onnx": OnnxDetector,
     },
     "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher, "sgbm": SgbmMatcher},
+    "tracking": {"stereo": Tracking},
     "surface": {"delaunay": DelaunaySurface, "crust": Crust},
     "filter": {"tmahf": Tmahf},
 }

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeVar
 
 from .errors import InputError
 from .topology.complex import Complex, build_complex
 from .topology.harmonic import Tmahf
 from .topology.surface import DelaunaySurface
 from .topology.texture import sample_signals
-from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface
+from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface, Trajectory
 from .vision.matching import RowMatcher
+from .vision.odometry import Odometry, Tracked, Tracking
 from .vision.orb import OrbDetector
-from .vision.reconstruct import Detector, Matcher, StereoQuality, reconstruct_with_quality
+from .vision.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,8 @@ class Settings:
         Finds keypoints.
     matcher : callable, (Features, Features, StereoPair) -> matches
         Finds them again in the right image.
+    tracking : Tracking
+        How frames are joined to a path.
     surface : callable, Cloud -> Surface
         Joins the points to triangles.
     filter : callable, (Complex, uv, Signals) -> Response
@@ -41,42 +47,92 @@ class Settings:
 
     detector: Detector = field(default_factory=OrbDetector)
     matcher: Matcher = field(default_factory=RowMatcher)
+    tracking: Tracking = field(default_factory=Tracking)
     surface: Callable[[Cloud], Surface] = field(default_factory=DelaunaySurface)
     filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
 
 
-@dataclass(frozen=True)
 class Frame:
-    """All that one pair gave.
+    """All that one pair gave: where it was taken, and what is seen from there.
 
-    Attributes
+    What is not yet there is computed when it is asked for: keyframes have all from the start.
+
+    Parameters
     ----------
     pair : StereoPair
         The images and their rig.
-    cloud : Cloud
-        Points that both cameras see.
-    surface : Surface
-        Triangles over them.
-    complex_ : Complex
-        The simplicial complex of these.
-    signals : Signals
-        Luminance on vertices, edges and faces.
-    response : Response
-        The filter's answer at each vertex.
-    quality : StereoQuality
-        How well the two images matched.
+    tracked : Tracked
+        Where they were taken.
+    settings : Settings
+        The stages.
+
+    Attributes
+    ----------
+    pair, tracked, settings
+        As given.
     seconds : dict
         Time that each stage took, s; varies from run to run.
     """
 
-    pair: StereoPair
-    cloud: Cloud
-    surface: Surface
-    complex_: Complex
-    signals: Signals
-    response: Response
-    quality: StereoQuality
-    seconds: dict[str, float]
+    def __init__(self, pair: StereoPair, tracked: Tracked, settings: Settings) -> None:
+        self.pair, self.tracked, self.settings = pair, tracked, settings
+        self.seconds: dict[str, float] = {}
+
+    @property
+    def T_world_camera(self) -> FloatArray:
+        """Pose of the left camera as it was tracked, (4, 4); the world is the first frame's camera."""
+        return self.tracked.T_world_camera
+
+    @property
+    def is_keyframe(self) -> bool:
+        """Whether the map rests on it."""
+        return self.tracked.is_keyframe
+
+    @cached_property
+    def stereo(self) -> Stereo:
+        """What both images show: keypoints, points, quality."""
+        return self.tracked.stereo or self._timed(
+            "points", lambda: see(self.pair, self.settings.detector, self.settings.matcher)
+        )
+
+    @property
+    def cloud(self) -> Cloud:
+        """Points that both cameras see, in the left camera's frame."""
+        return self.stereo.cloud
+
+    @property
+    def quality(self) -> StereoQuality:
+        """How well the two images matched."""
+        return self.stereo.quality
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Triangles over the points."""
+        return self._timed("surface", lambda: self.settings.surface(self.cloud))
+
+    @cached_property
+    def complex_(self) -> Complex:
+        """The simplicial complex of these."""
+        faces, n = self.surface.faces, len(self.cloud)
+        return self._timed("complex", lambda: build_complex(faces, n))
+
+    @cached_property
+    def signals(self) -> Signals:
+        """Luminance on vertices, edges and faces."""
+        complex_ = self.complex_
+        return self._timed("signals", lambda: sample_signals(self.pair.left, self.cloud.uv, complex_))
+
+    @cached_property
+    def response(self) -> Response:
+        """The filter's answer at each vertex."""
+        complex_, signals = self.complex_, self.signals
+        return self._timed("response", lambda: self.settings.filter(complex_, self.cloud.uv, signals))
+
+    def _timed(self, name: str, stage: Callable[[], T]) -> T:
+        started = time.perf_counter()
+        result = stage()
+        self.seconds[name] = time.perf_counter() - started
+        return result
 
     @property
     def index(self) -> int:
@@ -105,7 +161,7 @@ class Frame:
 
 
 class Session:
-    """A rig, settings, and the pairs that it processes one after another.
+    """A rig, settings, and the pairs that it processes one after another: frames of one path.
 
     Parameters
     ----------
@@ -113,6 +169,13 @@ class Session:
         The cameras of all pairs.
     settings : Settings, optional
         Stages; the defaults serve.
+
+    Attributes
+    ----------
+    rig, settings
+        As given.
+    odometry : Odometry
+        The map and the path so far.
 
     Examples
     --------
@@ -126,19 +189,26 @@ class Session:
     def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
         self.rig = rig
         self.settings = settings or Settings()
+        stages = self.settings
+        self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
 
-    @functools.cached_property
+    @cached_property
     def fingerprints(self) -> tuple[str, ...]:
         """Hashes of the files that stages read, such as a network's; read once."""
         return tuple(getattr(stage, "fingerprint", "") for stage in vars(self.settings).values())
 
+    @property
+    def trajectory(self) -> Trajectory:
+        """Poses of all frames so far, bettered by all that was seen since."""
+        return self.odometry.trajectory
+
     def process(self, pair: StereoPair) -> Frame:
-        """From a pair of images to the harmonic response at every point.
+        """From the next pair of images to its pose and, at keyframes, to the harmonic response at every point.
 
         Parameters
         ----------
         pair : StereoPair
-            Of this session's rig.
+            Of this session's rig, not earlier than the last one.
 
         Returns
         -------
@@ -147,34 +217,15 @@ class Session:
         Raises
         ------
         InputError
-            If the pair is of another rig, or its images do not fit.
+            If the pair is of another rig, earlier than the last one, or its images do not fit.
         GeometryError
-            If it shows too little texture for three points.
+            If it is the first and shows too little texture for three points.
         """
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
-        stages, watch = self.settings, _Stopwatch()
-        cloud, quality = reconstruct_with_quality(pair, detector=stages.detector, matcher=stages.matcher)
-        watch.lap("points")
-        surface = stages.surface(cloud)
-        watch.lap("surface")
-        complex_ = build_complex(surface.faces, len(cloud))
-        watch.lap("complex")
-        signals = sample_signals(pair.left, cloud.uv, complex_)
-        watch.lap("signals")
-        response = stages.filter(complex_, cloud.uv, signals)
-        watch.lap("response")
-        return Frame(pair, cloud, surface, complex_, signals, response, quality, watch.seconds)
-
-
-class _Stopwatch:
-    """Seconds between laps, by name."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = now - self._last
-        self._last = now
+        started = time.perf_counter()
+        frame = Frame(pair, self.odometry.process(pair), self.settings)
+        frame.seconds["tracking"] = time.perf_counter() - started
+        if frame.is_keyframe or self.settings.tracking.every_frame:
+            _ = frame.response  # and all that it rests on
+        return frame

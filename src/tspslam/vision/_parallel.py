@@ -18,10 +18,10 @@ def both(function: Callable[[A], B], items: tuple[A, A]) -> tuple[B, B]:
         return first.result(), second
 
 
-def in_halves(function: Callable[[slice], None], count: int) -> None:
-    """Call `function` on the slices of two halves of `count` independent rows."""
+def in_halves(function: Callable[[slice], None], count: int, least: int = 2) -> None:
+    """Call `function` on the slices of two halves of `count` independent rows; on all at once if fewer than `least`."""
     middle = count // 2
-    if middle:
+    if count >= least:
         both(function, (slice(0, middle), slice(middle, count)))
     elif count:
         function(slice(0, count))

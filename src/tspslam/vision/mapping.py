@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..types import FloatArray, Rig
-from .bundle import Adjustment, adjust
+from .bundle import Adjustment, Observations, adjust
+from .following import Pyramid
 from .rig import back_project
-from .tracking import Fix, Landmarks, Sight, observations
+from .tracking import SIGMA, Fix, Reference
 
 _LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
 _LEAST_SHARED = 10  # landmarks in common that make an older keyframe hold the window
 _LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
+_APART = 12.0  # px between a new landmark and one that is followed
 _OUTLIER = 5.0  # standard deviations
 _STEPS = 8
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A frame that the map rests on.
+    """A frame that the map rests on, and the landmarks that it sees.
 
     Attributes
     ----------
@@ -29,16 +32,41 @@ class Keyframe:
         Number of the frame, from 0.
     T_world_camera : (4, 4) float64
         Its pose.
-    sight : Sight
-        Its keypoints that are landmarks.
+    image : Pyramid or None
+        Its left image, while landmarks are looked for in it.
     landmark : (K,) int64
-        Which landmark each of them is.
+        Which landmarks.
+    uv : (K, 2) float64
+        Where, px.
+    disparity : (K,) float64
+        As measured, px; NaN where not known.
     """
 
     index: int
     T_world_camera: FloatArray
-    sight: Sight
+    image: Pyramid | None
     landmark: NDArray[np.int64]
+    uv: FloatArray
+    disparity: FloatArray
+
+
+@dataclass(frozen=True)
+class NewPoints:
+    """Keypoints that may become landmarks.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        px.
+    disparity : (N,) float64
+        px; NaN where not known.
+    words : (N, D) uint64
+        Descriptors.
+    """
+
+    uv: FloatArray
+    disparity: FloatArray
+    words: NDArray[np.uint64]
 
 
 class OffsetFilter:
@@ -78,7 +106,7 @@ class Map:
     window : int
         Keyframes that are adjusted together; as many older ones hold them.
     sigma_disparity : float
-        Standard deviation of a disparity, px per unit of scale.
+        Standard deviation of a disparity, px.
     sigma_offset : float
         Of the offset of all disparities before anything is seen, px.
     """
@@ -87,46 +115,55 @@ class Map:
         self.rig, self.window, self.sigma_disparity = rig, window, sigma_disparity
         self.offset = OffsetFilter(sigma_offset, window)
         self.keyframes: list[Keyframe] = []
-        self.landmarks: Landmarks | None = None
+        self.xyz, self.words = np.empty((0, 3)), np.empty((0, 4), np.uint64)
 
-    def local(self) -> NDArray[np.int64]:
-        """Landmarks that the last keyframes saw, ascending."""
-        return np.unique(np.concatenate([frame.landmark for frame in self.keyframes[-self.window :]]))
+    def references(self) -> list[Reference]:
+        """The last keyframes, newest first, each with the landmarks that no later one saw."""
+        taken = np.zeros(len(self.xyz), np.bool_)
+        found = []
+        for frame in reversed(self.keyframes[-self.window :]):
+            new = ~taken[frame.landmark]
+            taken[frame.landmark] = True
+            assert frame.image is not None
+            found.append(Reference(frame.image, frame.T_world_camera, frame.uv[new], frame.landmark[new]))
+        return found
 
-    def chosen(self, rows: NDArray[np.int64]) -> Landmarks:
-        """Some of the landmarks."""
-        assert self.landmarks is not None
-        return Landmarks(self.landmarks.xyz[rows], self.landmarks.words[rows], self.landmarks.scale[rows])
+    def add(self, index: int, T_world_camera: FloatArray, image: Pyramid, fix: Fix | None, new: NewPoints) -> None:
+        """Make a frame a keyframe: what it follows is seen again, its other points are new landmarks."""
+        old = fix or Fix(T_world_camera, np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6)))
+        rows = self._fresh(new, old.uv)
+        T, corrected = T_world_camera, new.disparity[rows] - self.offset.value
+        points = back_project(self.rig, new.uv[rows], corrected) @ T[:3, :3].T + T[:3, 3]
+        born = len(self.xyz) + np.arange(len(rows))
+        self.xyz = np.concatenate([self.xyz, points])
+        self.words = np.concatenate([self.words, new.words[rows]]) if self.keyframes else new.words[rows]
+        landmark = np.concatenate([old.landmark, born])
+        uv = np.concatenate([old.uv, new.uv[rows]])
+        disparity = np.concatenate([old.disparity, new.disparity[rows]])
+        self.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity))
+        self._let_go()
 
-    def corrected(self, sight: Sight) -> Sight:
-        """A sight whose disparities are without the offset."""
-        return replace(sight, disparity=sight.disparity - self.offset.value)
+    def _fresh(self, new: NewPoints, followed: FloatArray) -> NDArray[np.int64]:
+        """Rows of points with a depth, away from those that are followed."""
+        from scipy.spatial import cKDTree
 
-    def add(
-        self, index: int, sight: Sight, T_world_camera: FloatArray, fix: Fix | None, rows: NDArray[np.int64]
-    ) -> None:
-        """Make a frame a keyframe: its matches are seen again, its other points are new landmarks.
-
-        `rows` are the landmarks that the fix counts.
-        """
-        owner = np.full(len(sight.uv), -1)
-        if fix is not None:
-            owner[fix.keypoint] = rows[fix.landmark]
-        disparity = self.corrected(sight).disparity
         with np.errstate(invalid="ignore"):
-            new = np.flatnonzero((owner < 0) & (disparity + self.rig.doffs > _LEAST_TOTAL))
-        T = T_world_camera
-        xyz = back_project(self.rig, sight.uv[new], disparity[new]) @ T[:3, :3].T + T[:3, 3]
-        count = 0 if self.landmarks is None else len(self.landmarks)
-        owner[new] = count + np.arange(len(new))
-        self._extend(Landmarks(xyz, sight.words[new], sight.scale[new]))
-        seen = np.flatnonzero(owner >= 0)
-        own = Sight(sight.uv[seen], sight.words[seen], sight.disparity[seen], sight.scale[seen])
-        self._refresh(owner[seen], own)
-        self.keyframes.append(Keyframe(index, T, own, owner[seen]))
+            rows = np.flatnonzero(new.disparity - self.offset.value + self.rig.doffs > _LEAST_TOTAL)
+        if len(followed):
+            away, _ = cKDTree(followed).query(new.uv[rows], distance_upper_bound=_APART)
+            rows = rows[np.isinf(away)]
+        return rows
 
-    def adjust(self) -> Adjustment | None:
-        """Adjust the last keyframes and what they saw; older keyframes that saw it hold them."""
+    def _let_go(self) -> None:
+        """Forget the image of the keyframe that has left the window."""
+        if len(self.keyframes) > self.window:
+            self.keyframes[-self.window - 1] = replace(self.keyframes[-self.window - 1], image=None)
+
+    def adjustment(self) -> Callable[[], Adjustment] | None:
+        """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
+
+        It works on copies, so the map can be used meanwhile.
+        """
         moving = self.keyframes[-self.window :]
         if len(moving) < 2:
             return None
@@ -134,60 +171,40 @@ class Map:
         holding = [f for f in self.keyframes[: -self.window] if np.isin(f.landmark, points).sum() >= _LEAST_SHARED]
         holding = holding[-self.window :] or moving[:1]
         frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
-        return self._solve(frames, points, len(holding))
+        return self._problem(frames, points, len(holding))
 
-    def _solve(self, frames: list[Keyframe], points: NDArray[np.int64], held: int) -> Adjustment | None:
-        """Adjust frames, the first `held` of which stay; keep what was found and drop outliers."""
-        pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
+    def _problem(self, frames: list[Keyframe], points: NDArray[np.int64], held: int) -> Callable[[], Adjustment] | None:
+        """Adjustment of frames, the first `held` of which stay, and of the points that two of them see."""
         landmark = np.concatenate([frame.landmark for frame in frames])
+        pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
         kept, counts = np.unique(landmark[np.isin(landmark, points)], return_counts=True)
         kept = kept[counts >= 2]
-        used = np.flatnonzero(np.isin(landmark, kept))
-        if len(kept) < _LEAST_POINTS or self.landmarks is None:
+        if len(kept) < _LEAST_POINTS:
             return None
-        sight = _joined([frame.sight for frame in frames])
-        seen = observations(sight, used, pose[used], np.searchsorted(kept, landmark[used]), self.sigma_disparity)
-        found = adjust(
-            self.rig, np.stack([frame.T_world_camera for frame in frames]), self.landmarks.xyz[kept], seen,
-            fixed=np.arange(len(frames)) < held, most_steps=_STEPS, offset=self.offset.value,
-            offset_sigma=self.offset.sigma,
-        )  # fmt: skip
-        self.landmarks.xyz[kept] = found.xyz
-        good = np.ones(len(landmark), np.bool_)
-        good[used[found.distance > _OUTLIER]] = False
-        self._keep(frames, found.T_world_camera, np.split(good, np.flatnonzero(np.diff(pose)) + 1))
-        self.offset.update(found.offset, found.offset_std)
-        return found
-
-    def _keep(self, frames: list[Keyframe], T: FloatArray, good: list[NDArray[np.bool_]]) -> None:
-        """New poses of keyframes, without the sights that do not fit."""
-        place = {frame.index: k for k, frame in enumerate(self.keyframes)}
-        for frame, pose, kept in zip(frames, T, good, strict=True):
-            s = frame.sight
-            sight = Sight(s.uv[kept], s.words[kept], s.disparity[kept], s.scale[kept])
-            self.keyframes[place[frame.index]] = Keyframe(frame.index, pose, sight, frame.landmark[kept])
-
-    def _extend(self, new: Landmarks) -> None:
-        old = self.landmarks
-        if old is None:
-            self.landmarks = new
-            return
-        self.landmarks = Landmarks(
-            np.concatenate([old.xyz, new.xyz]),
-            np.concatenate([old.words, new.words]),
-            np.concatenate([old.scale, new.scale]),
+        used = np.flatnonzero(np.isin(landmark, kept))
+        uv = np.concatenate([frame.uv for frame in frames])[used]
+        disparity = np.concatenate([frame.disparity for frame in frames])[used]
+        ones = np.ones(len(used))
+        seen = Observations(
+            pose[used], np.searchsorted(kept, landmark[used]), uv, disparity, SIGMA * ones, self.sigma_disparity * ones
         )
+        self._asked = frames, kept, pose, used
+        T, xyz, fixed = np.stack([f.T_world_camera for f in frames]), self.xyz[kept], np.arange(len(frames)) < held
+        offset, sigma = self.offset.value, self.offset.sigma
+        return lambda: adjust(self.rig, T, xyz, seen, fixed=fixed, most_steps=_STEPS, offset=offset, offset_sigma=sigma)
 
-    def _refresh(self, rows: NDArray[np.int64], sight: Sight) -> None:
-        """Landmarks look as they did last."""
-        assert self.landmarks is not None
-        self.landmarks.words[rows], self.landmarks.scale[rows] = sight.words, sight.scale
-
-
-def _joined(sights: list[Sight]) -> Sight:
-    return Sight(
-        np.concatenate([s.uv for s in sights]),
-        np.concatenate([s.words for s in sights]),
-        np.concatenate([s.disparity for s in sights]),
-        np.concatenate([s.scale for s in sights]),
-    )
+    def apply(self, found: Adjustment) -> None:
+        """Take over what the last `adjustment` found, and drop outliers."""
+        frames, kept, pose, used = self._asked
+        self.xyz[kept] = found.xyz
+        good = np.ones(len(pose), np.bool_)
+        good[used[found.distance > _OUTLIER]] = False
+        place = {frame.index: k for k, frame in enumerate(self.keyframes)}
+        parts = np.split(good, np.flatnonzero(np.diff(pose)) + 1)
+        for frame, T, stays in zip(frames, found.T_world_camera, parts, strict=True):
+            k = place[frame.index]
+            image = self.keyframes[k].image
+            self.keyframes[k] = Keyframe(
+                frame.index, T, image, frame.landmark[stays], frame.uv[stays], frame.disparity[stays]
+            )
+        self.offset.update(found.offset, found.offset_std)

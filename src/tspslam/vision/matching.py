@@ -18,8 +18,14 @@ from .windows import Plane, Windows, refine, search, shift_rows, smooth_plane, v
 
 Planes = tuple[Plane, Plane]
 _LEVEL = 0.05  # px of vertical offset that do no harm
+_NEAR = 3.0  # px that a guess of a disparity may be off
 _WINDOWS = Windows()
 _BACK_WINDOWS = Windows(radius=6, contrast=0.1)
+
+
+def level_rows(planes: Planes, offset: float) -> Planes:
+    """Planes whose rows agree: the right one moved by its vertical offset, px, unless that does no harm."""
+    return planes if abs(offset) < _LEVEL else (planes[0], shift_rows(planes[1], offset))
 
 
 @dataclass(frozen=True)
@@ -121,7 +127,7 @@ class RowMatcher:
         planes = both(smooth_plane, (pair.left, pair.right))
         planes, offset = self._level(planes, left.uv[i], guess[i])
         start = self._search(planes, left, partner, guess, (low, high))
-        disparity, score = self._refine(planes, left, start)
+        disparity, score = self._refine(planes, left.uv, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
         kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
         rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows))
@@ -132,11 +138,9 @@ class RowMatcher:
         return DescriptorMatcher(*limits, self.row_tolerance, self.max_hamming, self.max_l2, self.ratio)
 
     def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
-        """Planes whose rows agree, and by how much the right one was moved, px; small offsets are left alone."""
+        """Planes whose rows agree, and by how much the right one was moved, px."""
         offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.windows))
-        if abs(offset) < _LEVEL:
-            return planes, 0.0
-        return (planes[0], shift_rows(planes[1], offset)), offset
+        return level_rows(planes, offset), offset if abs(offset) >= _LEVEL else 0.0
 
     def _search(
         self,
@@ -158,13 +162,33 @@ class RowMatcher:
         clear[lone] = np.abs(back - disparity[lone]) <= 1
         return np.where(clear, disparity, np.nan)
 
-    def _refine(self, planes: Planes, left: Features, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def near(self, planes: Planes, uv: FloatArray, guess: FloatArray) -> FloatArray:
+        """Disparities of points whose disparities are known to a few px.
+
+        Parameters
+        ----------
+        planes : (left, right), each (H, W) float32
+            Smoothed planes (`smooth_plane`) whose rows agree.
+        uv : (N, 2) float64
+            Points of the left image, px.
+        guess : (N,) float64
+            Their disparities, px.
+
+        Returns
+        -------
+        (N,) float64
+            px, measured in both directions; NaN where they do not agree.
+        """
+        start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.windows)
+        return self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
+
+    def _refine(self, planes: Planes, uv: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
         disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
         rows = np.flatnonzero(np.isfinite(start))
-        forth = refine(*planes, left.uv[rows], start[rows], self.windows)
+        forth = refine(*planes, uv[rows], start[rows], self.windows)
         rows, forth = rows[forth.good], forth.where(forth.good)
-        uv_right = left.uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
+        uv_right = uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
         back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_windows)
         agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
         alike = forth.score >= self.min_correlation

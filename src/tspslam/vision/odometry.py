@@ -2,26 +2,71 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..types import FloatArray, Rig, StereoPair, Trajectory
-from ._parallel import both
-from .features import grey_levels
-from .mapping import Map
-from .matching import RowMatcher
+from .bundle import Adjustment
+from .dense import checked_map, sample_map
+from .features import check_ranges, grey_levels
+from .following import Pyramid, pyramid
+from .mapping import Map, NewPoints
+from .matching import RowMatcher, level_rows
 from .orb import OrbDetector
-from .reconstruct import Detector, Matcher
+from .reconstruct import Detector, Matcher, Stereo, see
 from .rig import check_pair
 from .se3 import inverse, normalised, repeated
-from .tracking import LEAST_MATCHES, Fix, Sight, locate
+from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined, resected
+from .windows import smooth_plane
 
-_KEPT = 0.7  # of the last keyframe's landmarks: fewer matches ask for a new keyframe
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
-_APART = 8  # frames between keyframes, at most
+_JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How a camera is tracked.
+
+    Parameters
+    ----------
+    window : int
+        Keyframes that are adjusted together, and whose landmarks are looked for.
+    keyframe_share : float
+        Of the last keyframe's landmarks: fewer that are followed ask for a new keyframe.
+    patience : int
+        Frames lost in a row after which the map begins anew, where a steady motion has the camera.
+    sigma_disparity : float
+        Standard deviation of a disparity, px.
+    sigma_offset : float
+        Standard deviation of the calibration's disparity offset, px.
+    every_frame : bool
+        Whether each frame carries a cloud, a complex, signals and a response, not only keyframes.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> Tracking(window=5).keyframe_share
+    0.5
+    """
+
+    window: int = 7
+    keyframe_share: float = 0.5
+    patience: int = 3
+    sigma_disparity: float = 0.3
+    sigma_offset: float = 0.3
+    every_frame: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        ranges: dict[str, tuple[float, float]] = {"window": (2, 50), "keyframe_share": (0, 1), "patience": (1, 1000)}
+        check_ranges("tracking", self, ranges | {"sigma_disparity": (0.01, 10), "sigma_offset": (0.001, 10)})
 
 
 @dataclass(frozen=True)
@@ -40,6 +85,8 @@ class Tracked:
         Whether the map rests on it.
     is_lost : bool
         Whether too few landmarks were found: the pose is that of a steady motion.
+    stereo : Stereo or None
+        What both images show, where that was looked for.
     """
 
     T_world_camera: FloatArray
@@ -47,35 +94,39 @@ class Tracked:
     matches: int
     is_keyframe: bool
     is_lost: bool
+    stereo: Stereo | None
 
 
 class Odometry:
     """Tracks a stereo camera, one pair after another.
 
-    A frame's keypoints are matched with landmarks near their predicted places, and its pose is the least-squares one
-    of (u, v, disparity). Where too few landmarks of the last keyframe are left, the frame becomes a keyframe, and the
-    last keyframes and what they saw are adjusted together, with the offset that all disparities have in common: a
-    calibration that is off by a fifth of a pixel makes a path 1 % too long, and the motion tells.
+    Windows around the landmarks of the last keyframes are followed into the left image, from where a steady motion has
+    them, and the pose is the least-squares one of (u, v); then of (u, v, disparity), with disparities searched near
+    where the pose has them. If that fails, landmarks are recognised by their descriptors. Where few landmarks of the
+    last keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last
+    keyframes and what they saw are adjusted together, with the offset that all disparities have in common: a
+    calibration that is off by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes
+    on while the next frame is tracked; its result counts from a fixed frame on, so that runs repeat.
+
+    Attributes
+    ----------
+    rig, tracking
+        As given.
+    map : Map
+        Keyframes and landmarks.
+    unsolved : int
+        Adjustments that had no solution.
 
     Parameters
     ----------
     rig : Rig
         The cameras of all pairs.
     detector : callable, optional
-        Grey image -> `Features` with binary descriptors of whole 64-bit words; `OrbDetector()` by default.
+        Grey image -> `Features`; `OrbDetector()` by default.
     matcher : callable, optional
         Left features, right features, pair -> `Matches`; `RowMatcher()` by default.
-    window : int
-        Keyframes that are adjusted together.
-    sigma_disparity : float
-        Standard deviation of a disparity, px per unit of a keypoint's scale.
-    sigma_offset : float
-        Standard deviation of the calibration's disparity offset, px.
-
-    Raises
-    ------
-    InputError
-        If a parameter is not positive.
+    tracking : Tracking, optional
+        How; the defaults serve.
 
     Examples
     --------
@@ -94,21 +145,20 @@ class Odometry:
         *,
         detector: Detector | None = None,
         matcher: Matcher | None = None,
-        window: int = 7,
-        sigma_disparity: float = 0.3,
-        sigma_offset: float = 0.3,
+        tracking: Tracking | None = None,
     ) -> None:
-        if not (window >= 2 and 0 < sigma_disparity <= 100 and 0 < sigma_offset <= 100):
-            raise InputError(
-                f"odometry: window, sigma_disparity, sigma_offset are {window}, {sigma_disparity}, {sigma_offset}, "
-                "expected 2 or more, and px, positive, at most 100"
-            )
-        self.rig = rig
-        self.map = Map(rig, window=window, sigma_disparity=sigma_disparity, sigma_offset=sigma_offset)
-        self._detect, self._match = detector or OrbDetector(), matcher or RowMatcher()
+        self.rig, self.tracking = rig, tracking or Tracking()
+        self.map = Map(
+            rig, window=self.tracking.window, sigma_disparity=self.tracking.sigma_disparity,
+            sigma_offset=self.tracking.sigma_offset,
+        )  # fmt: skip
+        self._detect, self._match, self._near = detector or OrbDetector(), matcher or RowMatcher(), RowMatcher().near
         self._stamps: list[float] = []
         self._anchors: list[tuple[int, FloatArray]] = []  # place of the keyframe, T_keyframe_camera
-        self._pose, self._motion, self._wanted = np.eye(4), np.eye(4), 0
+        self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
+        self.unsolved = 0
+        self._worker = ThreadPoolExecutor(1)
+        self._asked: Future[Adjustment] | None = None
 
     @property
     def disparity_offset(self) -> tuple[float, float]:
@@ -121,92 +171,130 @@ class Odometry:
         poses = [self.map.keyframes[at].T_world_camera @ T for at, T in self._anchors]
         return Trajectory(np.array(self._stamps), np.array(poses).reshape(-1, 4, 4))
 
+    def finish(self) -> None:
+        """Wait for the adjustment under way, so that the trajectory is final."""
+        self._join()
+
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair.
 
         Raises
         ------
         InputError
-            If the pair is of another rig, its stamp is not later than the last one, its images do not fit, or the
-            descriptors are not binary.
+            If the pair is of another rig, its stamp is not later than the last one, or its images do not fit.
         GeometryError
-            If the first pair shows too few points to begin with.
+            If the first pair shows too little texture for three points.
         """
         self._check(pair)
-        sight = self._see(pair)
+        image = pyramid(pair.left)
         if not self.map.keyframes:
-            return self._begin(pair, sight)
-        guess = self._ahead(pair.stamp)
-        rows = self.map.local()
-        near = self.map.corrected(sight)
-        fix = locate(self.rig, near, self.map.chosen(rows), guess, sigma_disparity=self.map.sigma_disparity)
-        pose = guess if fix is None else fix.T_world_camera
+            return self._begin(pair, image)
+        if self._asked and len(self._stamps) >= self.map.keyframes[-1].index + _JOINED:
+            self._join()
+        fix = self._locate(pair, image)
+        pose = self._ahead(pair.stamp) if fix is None else fix.T_world_camera
         self._motion, self._pose = normalised(inverse(self._pose) @ pose), pose
-        is_keyframe = self._is_keyframe(sight, fix)
-        if is_keyframe:
-            self._grow(sight, fix, rows)
-        self._remember(pair)
+        self._lost = self._lost + 1 if fix is None else 0
+        stereo = self._grow(pair, image, fix) if self._wants_keyframe(fix) else None
+        self._remember(pair.stamp)
         if fix is None:
-            return Tracked(self._pose, np.full((6, 6), np.inf), 0, is_keyframe, True)
-        return Tracked(self._pose, fix.covariance, len(fix), is_keyframe, False)
+            return Tracked(self._pose, np.full((6, 6), np.inf), 0, stereo is not None, True, stereo)
+        return Tracked(self._pose, fix.covariance, len(fix), stereo is not None, False, stereo)
+
+    def _begin(self, pair: StereoPair, image: Pyramid) -> Tracked:
+        """Make the first frame the first keyframe."""
+        stereo = see(pair, self._detect, self._match)
+        self._add(image, None, stereo)
+        self._remember(pair.stamp)
+        return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo)
+
+    def _locate(self, pair: StereoPair, image: Pyramid) -> Fix | None:
+        """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
+        references, xyz = self.map.references(), self.map.xyz
+        fix = locate(self.rig, image, references, xyz, self._ahead(pair.stamp))
+        if fix is None:
+            recognised = self._recognise(pair)
+            fix = None if recognised is None else locate(self.rig, image, references, xyz, recognised)
+        if fix is None:
+            return None
+        disparity = self._disparities(pair, image, fix) - self.map.offset.value
+        better = refined(self.rig, fix, xyz, disparity, self.map.sigma_disparity)
+        return Fix(
+            better.T_world_camera, better.landmark, better.uv, better.disparity + self.map.offset.value,
+            better.covariance,
+        )  # fmt: skip
+
+    def _recognise(self, pair: StereoPair) -> FloatArray | None:
+        """Pose from descriptors alone."""
+        features = self._detect(grey_levels(pair.left))
+        return resected(self.rig, features.uv, binary_words(features.descriptor), self.map.xyz, self.map.words)
+
+    def _disparities(self, pair: StereoPair, image: Pyramid, fix: Fix) -> FloatArray:
+        """Disparities of a fix's landmarks, near where the fix has them."""
+        if pair.disparity is not None:
+            return sample_map(checked_map("disparity", pair.disparity, self.rig), fix.uv)
+        T = fix.T_world_camera
+        depth = (self.map.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]
+        guess = self.rig.fx * self.rig.baseline / depth - self.rig.doffs + self.map.offset.value
+        planes = level_rows((image.levels[0], smooth_plane(pair.right)), self._row_offset)
+        return self._near(planes, fix.uv, guess)
 
     def _ahead(self, stamp: float) -> FloatArray:
         """Pose at a stamp if the last motion goes on at its speed."""
         if len(self._stamps) < 2:
             return self._pose
-        share = (stamp - self._stamps[-1]) / (self._stamps[-1] - self._stamps[-2])
+        last = self._stamps[-1] - self._stamps[-2]
+        share = (stamp - self._stamps[-1]) / last if last > 0 else 1.0
         return normalised(self._pose @ repeated(self._motion, min(share, _LONGEST)))
 
-    def _begin(self, pair: StereoPair, sight: Sight) -> Tracked:
-        """Make the first frame the first keyframe."""
-        known = int(np.isfinite(sight.disparity).sum())
-        if known < LEAST_MATCHES:
-            raise GeometryError(f"{pair.name}: {known} points to begin with, expected at least {LEAST_MATCHES}")
-        self._grow(sight, None, np.empty(0, np.int64))
-        self._remember(pair)
-        return Tracked(self._pose, np.zeros((6, 6)), known, True, False)
+    def _wants_keyframe(self, fix: Fix | None) -> bool:
+        """Whether few of the last keyframe's landmarks are left, or none for a while: then the map begins anew."""
+        if fix is None:
+            return self._lost >= self.tracking.patience
+        return len(fix) < self.tracking.keyframe_share * self._wanted
 
-    def _grow(self, sight: Sight, fix: Fix | None, rows: NDArray[np.int64]) -> None:
-        """Add a keyframe, and adjust the last ones."""
-        self.map.add(len(self._stamps), sight, self._pose, fix, rows)
+    def _grow(self, pair: StereoPair, image: Pyramid, fix: Fix | None) -> Stereo | None:
+        """Make a frame a keyframe, if its images show enough, and have the last ones adjusted."""
+        self._join()
+        try:
+            stereo = see(pair, self._detect, self._match)
+        except GeometryError:
+            return None
+        if np.isfinite(stereo.disparity).sum() < LEAST_MATCHES:
+            return None
+        self._add(image, fix, stereo)
+        return stereo
+
+    def _add(self, image: Pyramid, fix: Fix | None, stereo: Stereo) -> None:
+        new = NewPoints(stereo.left.uv, stereo.disparity, binary_words(stereo.left.descriptor))
+        self.map.add(len(self._stamps), self._pose, image, fix, new)
         self._wanted = len(self.map.keyframes[-1].landmark)
-        if self.map.adjust() is not None:
-            self._pose = self.map.keyframes[-1].T_world_camera
+        self._row_offset = stereo.quality.vertical_offset_px
+        work = self.map.adjustment()
+        self._asked = None if work is None else self._worker.submit(work)
 
-    def _is_keyframe(self, sight: Sight, fix: Fix | None) -> bool:
-        """Whether the map needs this frame: few of its landmarks are left, or the last keyframe is long ago."""
-        known = int(np.isfinite(sight.disparity).sum())
-        if known < LEAST_MATCHES:
-            return False
-        age = len(self._stamps) - self.map.keyframes[-1].index
-        return fix is None or len(fix) < _KEPT * self._wanted or age >= _APART
+    def _join(self) -> None:
+        """Wait for the adjustment under way, if any, and go on from where it has the last keyframe."""
+        if self._asked is None:
+            return
+        asked, self._asked = self._asked, None
+        try:
+            found = asked.result()
+        except GeometryError:  # what was seen does not fix the keyframes: they stay
+            self.unsolved += 1
+            return
+        before = self.map.keyframes[-1].T_world_camera
+        self.map.apply(found)
+        self._pose = normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ self._pose)
 
-    def _remember(self, pair: StereoPair) -> None:
-        self._stamps.append(pair.stamp)
+    def _remember(self, stamp: float) -> None:
+        self._stamps.append(stamp)
         last = len(self.map.keyframes) - 1
         self._anchors.append((last, inverse(self.map.keyframes[last].T_world_camera) @ self._pose))
 
     def _check(self, pair: StereoPair) -> None:
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the odometry's {self.rig}")
-        if self._stamps and not pair.stamp > self._stamps[-1]:
-            raise InputError(f"{pair.name}: its stamp is {pair.stamp} s, expected later than {self._stamps[-1]} s")
+        if self._stamps and not pair.stamp >= self._stamps[-1]:
+            raise InputError(f"{pair.name}: its stamp is {pair.stamp} s, expected {self._stamps[-1]} s or later")
         check_pair(pair)
-
-    def _see(self, pair: StereoPair) -> Sight:
-        """Keypoints of the left image, with disparities where the right one shows them too."""
-        left, right = both(lambda image: self._detect(grey_levels(image)), (pair.left, pair.right))
-        disparity = np.full(len(left.uv), np.nan)
-        if min(len(left.uv), len(right.uv)) >= LEAST_MATCHES:
-            try:
-                matches = self._match(left, right, pair)
-                disparity[matches.left_index] = matches.disparity
-            except GeometryError:
-                pass  # nothing that both images show: bearings only
-        if left.descriptor.dtype != np.uint8 or left.descriptor.shape[1] % 8:
-            raise InputError(
-                f"odometry: descriptors are {left.descriptor.dtype} of {left.descriptor.shape[1]}, expected uint8, a "
-                "multiple of 8"
-            )
-        words = np.ascontiguousarray(left.descriptor).view(np.uint64)
-        return Sight(left.uv, words, disparity, left.scale.astype(np.float64))

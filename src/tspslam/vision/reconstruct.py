@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import GeometryError, InputError
 from ..types import Cloud, Features, FloatArray, StereoPair
 from ._parallel import both
-from .dense import cloud_from_disparity
+from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptors import DescriptorMatcher
 from .features import grey_levels
 from .matches import Matches
@@ -129,9 +129,35 @@ def reconstruct_with_quality(
     >>> quality.matched == len(cloud), abs(quality.vertical_offset_px) < 0.5
     (True, True)
     """
+    seen = see(pair, detector or OrbDetector(), _choose_matcher(matcher, max_disparity, preset))
+    return seen.cloud, seen.quality
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """What both images of a pair show.
+
+    Attributes
+    ----------
+    left : Features
+        Keypoints of the left image, N.
+    disparity : (N,) float64
+        Where the right image shows them too, px; NaN elsewhere.
+    cloud : Cloud
+        The points behind them.
+    quality : StereoQuality
+        How well the images match.
+    """
+
+    left: Features
+    disparity: FloatArray
+    cloud: Cloud
+    quality: StereoQuality
+
+
+def see(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
+    """Detect on both images at a time, match, triangulate; errors as `reconstruct`."""
     check_pair(pair)
-    detect = detector or OrbDetector()
-    match = _choose_matcher(matcher, max_disparity, preset)
     if pair.disparity is not None:
         return _of_map(pair, pair.disparity, detect(grey_levels(pair.left)))
     left, right = both(lambda image: detect(grey_levels(image)), (pair.left, pair.right))
@@ -144,11 +170,13 @@ def reconstruct_with_quality(
             f"{pair.name}: {len(cloud)} points from {len(left.uv)} left and {len(right.uv)} right keypoints and "
             f"{len(matches)} matches, expected at least {_FEWEST}"
         )
-    return cloud, _quality(left, right, matches, cloud)
+    disparity = np.full(len(left.uv), np.nan)
+    disparity[matches.left_index] = matches.disparity
+    return Stereo(left, disparity, cloud, _quality(left, right, matches, cloud))
 
 
-def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> tuple[Cloud, StereoQuality]:
-    """Cloud at the keypoints of the left image, from a map of disparities."""
+def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> Stereo:
+    """What the left image and a map of disparities show."""
     _require_features(pair, left, left)
     try:
         cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=PIXEL_SIGMA * left.scale)
@@ -156,7 +184,8 @@ def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> tuple[Cl
         raise type(error)(f"{pair.name}: {error}") from error
     if len(cloud) < _FEWEST:
         raise GeometryError(f"{pair.name}: {len(cloud)} places of the map are known, expected at least {_FEWEST}")
-    return cloud, StereoQuality(0.0, 0.0, len(left.uv), 0, len(cloud), 0)
+    known = sample_map(checked_map("disparity", disparity, pair.rig), left.uv)
+    return Stereo(left, known, cloud, StereoQuality(0.0, 0.0, len(left.uv), 0, len(cloud), 0))
 
 
 def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset: str | None) -> Matcher:

@@ -1,162 +1,154 @@
-"""The pose of a camera from landmarks: search near the predicted place, then least squares without outliers."""
+"""The pose of a camera from landmarks: their windows followed into the image, then least squares without outliers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..types import BoolArray, FloatArray, Rig
 from .bundle import Observations, adjust, pose_information
+from .following import Pyramid, follow, warps
 from .rig import project
+from .se3 import inverse
 
 LEAST_MATCHES = 15
-_RADII = (15.0, 45.0)  # px per unit of scale, of the first and the second search
-_CLOSE = 5.0  # px per unit of scale, once a pose is found
-_MOST_BITS, _RATIO = 64, 0.9  # of 256; the best distance against the second
-_GATES = (8.0, 5.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
-_ENOUGH = 50  # matches that make a wider search needless
+SIGMA = 0.3  # px, of a followed point
+_ROUGH, _FINE = range(3, 0, -1), range(0, -1, -1)  # levels, before and after there is a pose
+_ROUGH_SIGMA = 2.0  # px
+_ROUGH_GATES, _GATES = (5.0,), (6.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
+_ENOUGH = 300  # points that a rough pose rests on
+_LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
+_LEAST_DEPTH = 0.1  # m
+_NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
+_MOST_BITS, _RATIO = 64, 0.85  # of 256; the best distance against the second
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What one frame shows: keypoints, descriptors as 64-bit words, disparities (NaN where not known), scales.
+class Reference:
+    """A keyframe's image, and the landmarks that it was the last to see.
 
     Attributes
     ----------
-    uv : (N, 2) float64
-        px.
-    words : (N, D) uint64
-        Binary descriptors.
-    disparity : (N,) float64
-        px.
-    scale : (N,) float64
-        Size of one detector pixel, px.
+    image : Pyramid
+        The left image.
+    T_world_camera : (4, 4) float64
+        Its pose.
+    uv : (K, 2) float64
+        Where it sees them, px.
+    landmark : (K,) int64
+        Which they are.
     """
 
+    image: Pyramid
+    T_world_camera: FloatArray
     uv: FloatArray
-    words: NDArray[np.uint64]
-    disparity: FloatArray
-    scale: FloatArray
-
-
-@dataclass(frozen=True)
-class Landmarks:
-    """Points that keyframes have seen.
-
-    Attributes
-    ----------
-    xyz : (M, 3) float64
-        In the world, m.
-    words : (M, D) uint64
-        Their latest descriptors.
-    scale : (M,) float64
-        And scales.
-    """
-
-    xyz: FloatArray
-    words: NDArray[np.uint64]
-    scale: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.xyz)
+    landmark: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Fix:
-    """A pose, and the matches that agree with it.
+    """A pose, and the landmarks that agree with it.
 
     Attributes
     ----------
     T_world_camera : (4, 4) float64
         The pose.
-    landmark, keypoint : (K,) int64
-        Rows of the landmarks and of the sight.
+    landmark : (K,) int64
+        Which landmarks.
+    uv : (K, 2) float64
+        Where they are seen, px.
+    disparity : (K,) float64
+        px; NaN where not known.
     covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame; infinite where the pose was not measured.
+        Of (ω, υ), rad and m, in the camera's frame.
     """
 
     T_world_camera: FloatArray
     landmark: NDArray[np.int64]
-    keypoint: NDArray[np.int64]
+    uv: FloatArray
+    disparity: FloatArray
     covariance: FloatArray
 
     def __len__(self) -> int:
         return len(self.landmark)
 
 
-def locate(rig: Rig, sight: Sight, landmarks: Landmarks, T_guess: FloatArray, *, sigma_disparity: float) -> Fix | None:
-    """Find a camera's pose near a guess; None where too few landmarks agree on one.
+def locate(
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T_guess: FloatArray
+) -> Fix | None:
+    """Find a camera's pose near a guess, from bearings; None where too few landmarks agree on one.
 
     Parameters
     ----------
     rig : Rig
-        The cameras.
-    sight : Sight
-        What the frame shows.
-    landmarks : Landmarks
-        What might be seen.
+        The camera.
+    image : Pyramid
+        What it shows.
+    references : sequence of Reference
+        Where the landmarks were seen before.
+    xyz : (M, 3) float64
+        All landmarks, m.
     T_guess : (4, 4) float64
-        ``T_world_camera`` to search around; a search of the whole image by descriptors alone is the last resort.
-    sigma_disparity : float
-        Standard deviation of a disparity, px per unit of scale.
+        ``T_world_camera`` to start from.
     """
-    best: Fix | None = None
-    if min(len(landmarks), len(sight.uv)) < LEAST_MATCHES:
-        return None
-    for radius in _RADII:
-        matches = _near(rig, sight, landmarks, T_guess, radius)
-        best = _better(best, _settle_again(rig, sight, landmarks, T_guess, matches, sigma_disparity))
-        if best and len(best) >= _ENOUGH:
-            return best
-    matches = _anywhere(sight, landmarks)
-    T = _resected(rig, sight, landmarks, *matches)
-    return best if T is None else _better(best, _settle_again(rig, sight, landmarks, T, matches, sigma_disparity))
+    some = _thinned(references, _ENOUGH)
+    rough = _located(rig, image, some, xyz, T_guess, _ROUGH, _ROUGH_SIGMA)
+    return rough and _located(rig, image, references, xyz, rough.T_world_camera, _FINE, SIGMA)
 
 
-def observations(
-    sight: Sight, keypoint: NDArray[np.int64], pose: NDArray[np.int64], point: NDArray[np.int64], sigma_disparity: float
-) -> Observations:
-    """Keypoints as observations; standard deviations are the keypoint's scale, and so many px of disparity per unit."""
-    scale = sight.scale[keypoint]
-    return Observations(pose, point, sight.uv[keypoint], sight.disparity[keypoint], scale, sigma_disparity * scale)
+def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float) -> Fix:
+    """The fix bettered by disparities of its landmarks; itself if too few agree."""
+    measured = replace(fix, disparity=disparity)
+    return _settled(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or fix
 
 
-_Matches = tuple[NDArray[np.int64], NDArray[np.int64]]
+def observations(fix: Fix, pose: int, sigma: float, sigma_disparity: float) -> Observations:
+    """The landmarks of a fix as seen by one camera; point numbers are those of its rows."""
+    rows, ones = np.arange(len(fix)), np.ones(len(fix))
+    return Observations(np.full(len(fix), pose), rows, fix.uv, fix.disparity, sigma * ones, sigma_disparity * ones)
 
 
-def _near(rig: Rig, sight: Sight, landmarks: Landmarks, T: FloatArray, radius: float) -> _Matches:
-    """Landmarks that are seen near their predicted places, and their keypoints; each once."""
-    places = project(rig, (landmarks.xyz - T[:3, 3]) @ T[:3, :3])
-    rows = np.flatnonzero(_inside(rig, places))
-    return _searched(sight, landmarks, rows, places[rows], radius)
+def _thinned(references: Sequence[Reference], count: int) -> list[Reference]:
+    """References with about `count` of their landmarks, evenly chosen."""
+    step = max(1, sum(len(reference.landmark) for reference in references) // count)
+    return [replace(one, uv=one.uv[::step], landmark=one.landmark[::step]) for one in references]
 
 
-def _anywhere(sight: Sight, landmarks: Landmarks) -> _Matches:
-    """Landmarks found by descriptors alone."""
-    rows = np.arange(len(landmarks))
-    middle = np.zeros((len(rows), 2)) + sight.uv.mean(axis=0)
-    return _searched(sight, landmarks, rows, middle, 1e5)
+def _located(
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, levels: range,
+    sigma: float,
+) -> Fix | None:  # fmt: skip
+    """Follow what should be seen from a pose, and settle on a pose."""
+    found = [_followed(rig, image, reference, xyz, T, levels) for reference in references]
+    uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    fix = Fix(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf))
+    settled = _settled(rig, xyz, fix, sigma, 1.0, _ROUGH_GATES)
+    return settled if settled and len(settled) >= _LEAST_SHARE * len(fix) else None
 
 
-def _searched(
-    sight: Sight, landmarks: Landmarks, rows: NDArray[np.int64], places: FloatArray, radius: float
-) -> _Matches:
-    from ._tracking import search_near
+def _followed(
+    rig: Rig, image: Pyramid, reference: Reference, xyz: FloatArray, T: FloatArray, levels: range
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Places of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
+    before, X = _of_camera(xyz, reference.landmark, reference.T_world_camera), xyz[reference.landmark]
+    places = project(rig, (X - T[:3, 3]) @ T[:3, :3])
+    depth = (X - T[:3, 3]) @ T[:3, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = before[:, 2] / depth
+    alike = (depth > _LEAST_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
+    rows = np.flatnonzero(alike & _inside(rig, places))
+    shapes = warps(rig, inverse(T) @ reference.T_world_camera, before[rows])
+    uv, good = follow(reference.image, image, reference.uv[rows], shapes, places[rows], levels)
+    return uv[good], reference.landmark[rows[good]]
 
-    best, distance, rival = (np.empty(len(rows), np.int64) for _ in range(3))
-    if len(rows):
-        search_near(
-            sight.uv, sight.words, sight.scale, np.ascontiguousarray(places), landmarks.words[rows],
-            landmarks.scale[rows], radius, best, distance, rival,
-        )  # fmt: skip
-    most = _MOST_BITS * landmarks.words.shape[1] // 4
-    clear = np.flatnonzero((best >= 0) & (distance <= most) & (distance <= _RATIO * rival))
-    order = clear[np.lexsort((rows[clear], distance[clear]))]
-    _, first = np.unique(best[order], return_index=True)
-    kept = np.sort(order[first])
-    return rows[kept], best[kept]
+
+def _of_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:
+    """Landmarks in a camera's frame."""
+    seen: FloatArray = (xyz[landmark] - T[:3, 3]) @ T[:3, :3]
+    return seen
 
 
 def _inside(rig: Rig, uv: FloatArray) -> BoolArray:
@@ -165,59 +157,52 @@ def _inside(rig: Rig, uv: FloatArray) -> BoolArray:
     return np.asarray(inside[:, 0] & inside[:, 1])
 
 
-def _settle(
-    rig: Rig, sight: Sight, landmarks: Landmarks, T: FloatArray, matches: _Matches, sigma_disparity: float
+def _settled(
+    rig: Rig, xyz: FloatArray, fix: Fix, sigma: float, sigma_disparity: float, gates: tuple[float, ...]
 ) -> Fix | None:
     """Least squares on the pose, with fewer and fewer outliers."""
-    landmark, keypoint = matches
-    for gate in _GATES:
-        if len(landmark) < LEAST_MATCHES:
+    for gate in gates:
+        if len(fix) < LEAST_MATCHES:
             return None
-        seen = _of_one(sight, keypoint, sigma_disparity)
-        found = adjust(rig, T[None], landmarks.xyz[landmark], seen, move_points=False, most_steps=10)
-        T, good = found.T_world_camera[0], found.distance <= gate
-        landmark, keypoint = landmark[good], keypoint[good]
-    if len(landmark) < LEAST_MATCHES:
+        seen = observations(fix, 0, sigma, sigma_disparity)
+        found = adjust(rig, fix.T_world_camera[None], xyz[fix.landmark], seen, move_points=False, most_steps=10)
+        good = found.distance <= gate
+        fix = Fix(found.T_world_camera[0], fix.landmark[good], fix.uv[good], fix.disparity[good], fix.covariance)
+    if len(fix) < LEAST_MATCHES:
         return None
-    seen = _of_one(sight, keypoint, sigma_disparity)
-    information = pose_information(rig, T[None], landmarks.xyz[landmark], seen)
-    return Fix(T, landmark, keypoint, np.linalg.inv(information).astype(np.float64))
+    seen = observations(fix, 0, sigma, sigma_disparity)
+    information = pose_information(rig, fix.T_world_camera[None], xyz[fix.landmark], seen)
+    return replace(fix, covariance=np.linalg.inv(information).astype(np.float64))
 
 
-def _settle_again(
-    rig: Rig, sight: Sight, landmarks: Landmarks, T: FloatArray, matches: _Matches, sigma_disparity: float
-) -> Fix | None:
-    """Least squares on matches, then once more on those near where the first pose has them."""
-    first = _settle(rig, sight, landmarks, T, matches, sigma_disparity)
-    if first is None:
-        return None
-    matches = _near(rig, sight, landmarks, first.T_world_camera, _CLOSE)
-    return _better(first, _settle(rig, sight, landmarks, first.T_world_camera, matches, sigma_disparity))
-
-
-def _better(one: Fix | None, other: Fix | None) -> Fix | None:
-    """The fix with more matches, the first of two alike."""
-    return other if other and (one is None or len(other) > len(one)) else one
-
-
-def _of_one(sight: Sight, keypoint: NDArray[np.int64], sigma_disparity: float) -> Observations:
-    point = np.arange(len(keypoint))
-    return observations(sight, keypoint, np.zeros_like(point), point, sigma_disparity)
-
-
-def _resected(
-    rig: Rig, sight: Sight, landmarks: Landmarks, landmark: NDArray[np.int64], keypoint: NDArray[np.int64]
+def resected(
+    rig: Rig, uv: FloatArray, words: NDArray[np.uint64], xyz: FloatArray, wanted: NDArray[np.uint64]
 ) -> FloatArray | None:
-    """Pose from matches of which most may be wrong: P3P in random samples of a fixed seed."""
+    """Pose from landmarks recognised by their descriptors alone; None if too few agree.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    uv : (N, 2) float64
+        Keypoints, px.
+    words : (N, D) uint64
+        Their descriptors (`binary_words`).
+    xyz : (M, 3) float64
+        Landmarks, m.
+    wanted : (M, D) uint64
+        Theirs.
+    """
     import cv2
 
+    keypoint, landmark = _recognised(words, wanted)
     if len(landmark) < LEAST_MATCHES:
         return None
     K = np.array([[rig.fx, rig.skew, rig.cx], [0, rig.fy, rig.cy], [0, 0, 1]])
     cv2.setRNGSeed(0)
     found, turn, t, kept = cv2.solvePnPRansac(
-        landmarks.xyz[landmark], sight.uv[keypoint], K, None,
-        iterationsCount=300, reprojectionError=4.0, confidence=0.999, flags=cv2.SOLVEPNP_P3P,
+        xyz[landmark], uv[keypoint], K, None,
+        iterationsCount=500, reprojectionError=4.0, confidence=0.999, flags=cv2.SOLVEPNP_P3P,
     )  # fmt: skip
     if not found or kept is None or len(kept) < LEAST_MATCHES:
         return None
@@ -225,3 +210,38 @@ def _resected(
     T[:3, :3] = cv2.Rodrigues(turn)[0].T
     T[:3, 3] = -T[:3, :3] @ t[:, 0]
     return T
+
+
+def _recognised(words: NDArray[np.uint64], wanted: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Keypoints and landmarks that are each other's nearest, and clearly so."""
+    import cv2
+
+    if min(len(words), len(wanted)) < 2 or words.shape[1] == 0:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
+    first, second = words.view(np.uint8), wanted.view(np.uint8)
+    forth = matcher.knnMatch(first, second, k=2)
+    back = {(one.trainIdx, one.queryIdx) for one in matcher.match(second, first)}
+    most = _MOST_BITS * words.shape[1] / 4
+    clear = [one for one, other in forth if one.distance <= most and one.distance <= _RATIO * other.distance]
+    pairs = [(one.queryIdx, one.trainIdx) for one in clear if (one.queryIdx, one.trainIdx) in back]
+    keypoint, landmark = np.array(pairs, np.int64).reshape(-1, 2).T
+    return keypoint, landmark
+
+
+def binary_words(descriptor: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Descriptors, if any, as 64-bit words; of real ones the signs of 256 fixed random projections (Charikar 2002).
+
+    Examples
+    --------
+    >>> binary_words(np.zeros((3, 32), np.uint8)).shape, binary_words(np.ones((3, 128), np.float32)).shape
+    ((3, 4), (3, 4))
+    """
+    if descriptor.shape[1] == 0:
+        return np.zeros(descriptor.shape, np.uint64)
+    if descriptor.dtype == np.uint8:
+        spare = -descriptor.shape[1] % 8
+        return np.ascontiguousarray(np.pad(descriptor, ((0, 0), (0, spare)))).view(np.uint64)
+    axes = np.random.default_rng(0).standard_normal((descriptor.shape[1], 256))
+    axes -= axes.mean(axis=0)  # no descriptor's mean counts
+    return np.packbits(descriptor.astype(np.float64) @ axes > 0, axis=1).view(np.uint64)
