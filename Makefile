@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 READY_DEV := $(VENV)/ready-dev
 
-.PHONY: demo test check bench paper docs clean
+.PHONY: demo test check bench bench-slam paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
@@ -18,6 +18,9 @@ check: $(READY_DEV)  ## format, lint, strict types, import arrows
 	$(BIN)/ruff check src tests benchmarks examples experiments docs
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q tests/test_house.py
+
+bench-slam: $(READY_DEV)  ## the camera path beside the true one; DATA=FOLDER for a recording of your own
+	$(BIN)/python -m benchmarks.slam $(if $(DATA),--data '$(DATA)',--docs docs)
 
 bench: $(READY_DEV)  ## figures against named references, beside the committed baseline
 	$(BIN)/python -m benchmarks

@@ -182,12 +182,15 @@ def test_calib_convert_writes_our_format(capsys, tmp_path, raw_pair):
     assert (code, "folded.yaml: raw rig: the distortion of the left camera" in line) == (3, True)
 
 
-def test_a_folder_is_processed_frame_by_frame(capsys, sequence):
-    code, out, err = type_in(capsys, "run", sequence, "--out", sequence / "out", "--frames", "1:3", "--json")
-    assert code == 0
-    assert json.loads(out)["frames"] == 2
-    assert "frames are processed one by one" in err
-    assert sorted(p.name for p in (sequence / "out/frames").glob("*.npz")) == ["000001.npz", "000002.npz"]
+@pytest.mark.parametrize("every", [False, True])
+def test_a_part_of_a_folder_is_tracked(capsys, sequence, every):
+    words = ["run", sequence, "--out", sequence / "out", "--frames", "1:3", "--json"]
+    code, out, _ = type_in(capsys, *words, "--set", f"tracking.every_frame={every}")
+    result = json.loads(out)
+    assert (code, result["frames"], result["tracked"], result["keyframes"]) == (0, 2, 2, 1)
+    stored = [p.name for p in (sequence / "out/frames").glob("*.npz")]
+    assert sorted(stored) == ["000001.npz", "000002.npz"][: 1 + every]
+    assert len((sequence / "out/trajectory.tum").read_text().splitlines()) == 2
 
 
 def test_a_frame_that_cannot_be_used_is_skipped_and_said(capsys, sequence):
@@ -225,28 +228,32 @@ def test_an_interrupted_run_says_how_to_resume_and_resumes(sequence):
     assert resumed == content(sequence / "out")
 
 
+EVERY = ("--set", "tracking.every_frame=true")
+
+
 def frames_of(folder):
     return sorted(p.name for p in (folder / "out/frames").iterdir())
 
 
 def test_a_frame_that_has_become_unusable_leaves_the_folder(capsys, sequence):
-    assert type_in(capsys, "run", sequence, "--out", sequence / "out")[0] == 0
+    assert type_in(capsys, "run", sequence, "--out", sequence / "out", *EVERY)[0] == 0
     (sequence / "left/001.png").write_bytes(b"no image")
-    assert type_in(capsys, "run", sequence, "--out", sequence / "out")[0] == 4
+    assert type_in(capsys, "run", sequence, "--out", sequence / "out", *EVERY)[0] == 4
     assert frames_of(sequence) == ["000000.json", "000000.npz", "000002.json", "000002.npz"]
     resumed = content(sequence / "out")
     shutil.rmtree(sequence / "out")
-    type_in(capsys, "run", sequence, "--out", sequence / "out")
-    assert content(sequence / "out") == resumed
+    type_in(capsys, "run", sequence, "--out", sequence / "out", *EVERY)
+    fresh = content(sequence / "out")
+    assert [name for name in fresh.keys() | resumed.keys() if fresh.get(name) != resumed.get(name)] == []
     code, line = complain(capsys, "export", sequence / "out", "--frame", "1")
     assert (code, "has no finished frame 1; expected one of its 2 frames" in line) == (3, True)
 
 
 def test_a_frame_of_another_name_is_another_frame(capsys, sequence):
-    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    type_in(capsys, "run", sequence, "--out", sequence / "out", *EVERY)
     for side in ("left", "right"):
         (sequence / side / "001.png").rename(sequence / side / "1b.png")
-    type_in(capsys, "run", sequence, "--out", sequence / "out")
+    type_in(capsys, "run", sequence, "--out", sequence / "out", *EVERY)
     assert read_frame(sequence / "out/frames/000001.npz").name == "1b"
 
 

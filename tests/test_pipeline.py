@@ -5,7 +5,8 @@ import pytest
 
 from tspslam import InputError, Rig, Session, Settings, StereoPair
 from tspslam.config import resolve
-from tspslam.pipeline import OnePair, _input_hash, run
+from tspslam.journey import _input_hash
+from tspslam.pipeline import OnePair, run
 from tspslam.records import pair_hash
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)

@@ -7,37 +7,77 @@ import json
 import platform
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__
-from .session import Frame
+from .session import Frame, Session
 from .topology.crust import CrustSurface
 from .topology.surface import pinched_vertices
 from .types import Rig, StereoPair
+from .vision.odometry import Odometry
 from .vision.rig import doubts
 
-Summary = dict[str, Any]
+Row = dict[str, Any]
 Warning_ = dict[str, str]
 
 
-def frame_summary(frame: Frame, input_hash: str) -> Summary:
-    """What one frame gave, in numbers; the same frame always gives the same."""
-    quality = frame.quality
-    return {
+class JourneyLike(Protocol):
+    """What a record is made from."""
+
+    @property
+    def source(self) -> Any:
+        """Where the pairs came from: its `name` and `rig`."""
+
+    @property
+    def folder(self) -> Any:
+        """The run folder: its `config_hash`."""
+
+    session: Session
+    rows: list[Row]
+
+    @property
+    def tracked(self) -> list[Row]:
+        """Rows of frames with a pose."""
+
+    @property
+    def stored(self) -> list[Row]:
+        """Rows of frames with a complex."""
+
+
+def frame_row(frame: Frame, input_hash: str, *, with_complex: bool = False) -> Row:
+    """What one frame gave, in numbers; the same frame always gives the same.
+
+    Raises
+    ------
+    InputError
+        If its complex is asked for and it shows too little.
+    """
+    tracked = frame.tracked
+    row = {
         "index": frame.index,
         "input_hash": input_hash,
         "name": frame.name,
         "stamp": frame.stamp,
+        "is_keyframe": tracked.is_keyframe,
+        "is_lost": tracked.is_lost,
+        "landmarks_seen": tracked.matches,
+    }
+    return row | _complex_numbers(frame) if with_complex else row
+
+
+def _complex_numbers(frame: Frame) -> Row:
+    quality = frame.quality
+    return {
+        "defined": int(frame.response.defined.sum()),
         "points": len(frame.cloud),
         "edges": len(frame.complex_.edges),
         "faces": len(frame.complex_.faces),
         "euler": frame.complex_.euler,
         "pinched_vertices": pinched_vertices(frame.surface.faces, len(frame.cloud)).tolist(),
         "surface": frame.surface.report.verdict if isinstance(frame.surface, CrustSurface) else "image Delaunay",
-        "defined": int(frame.response.defined.sum()),
         "keypoints_left": quality.keypoints_left,
         "keypoints_right": quality.keypoints_right,
         "matched": quality.matched,
@@ -47,54 +87,65 @@ def frame_summary(frame: Frame, input_hash: str) -> Summary:
     }
 
 
-def run_record(
-    source: str,
-    unpaired: Sequence[str],
-    rig: Rig,
-    done: list[Summary],
-    skipped: list[Warning_],
-    settings_hash: str,
-    shown: str,
-) -> Summary:
+def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
     """What ``run.json`` holds; nothing in it varies when the run is repeated."""
-    first = done[0]
-    offsets = [unit["vertical_offset_px"] for unit in done]
+    tracked, stored, odometry = journey.tracked, journey.stored, journey.session.odometry
+    skipped = len(journey.rows) - len(tracked)
+    lost = sum(row["is_lost"] for row in tracked)
+    is_path = len(tracked) > 1
     return {
-        "status": "degraded" if skipped else "complete",
-        "source": source,
-        "frames": len(done) + len(skipped),
-        "tracked": len(done),
-        "keyframes": len(done),
-        "landmarks": first["points"],
-        "complex": {"n": first["points"], **{key: first[key] for key in ("edges", "faces", "euler")}},
-        "calibration": {
-            "vertical_offset_px": float(np.median(offsets)),
-            "vertical_offset_std_px": first["vertical_offset_std_px"],
-            "disparity_offset_px": None,
-            "disparity_offset_std_px": None,
+        "status": "degraded" if skipped or lost or odometry.unsolved else "complete",
+        "source": journey.source.name,
+        "frames": len(journey.rows),
+        "tracked": len(tracked) - lost,
+        "keyframes": sum(row["is_keyframe"] for row in tracked),
+        "landmarks": len(odometry.map.xyz),
+        "complex": {
+            "n": sum(row["points"] for row in stored),
+            **{key: sum(row[key] for row in stored) for key in ("edges", "faces", "euler")},
         },
-        "warnings": [*skipped, *_doubts(rig), *_warnings(unpaired, done, shown)],
-        "per_frame": [_row(unit) for unit in done],
+        "calibration": {
+            "vertical_offset_px": float(np.median([row["vertical_offset_px"] for row in stored])),
+            "vertical_offset_std_px": stored[0]["vertical_offset_std_px"],
+            "disparity_offset_px": odometry.disparity_offset[0] if is_path else None,
+            "disparity_offset_std_px": odometry.disparity_offset[1] if is_path else None,
+        },
+        "warnings": [*_troubles(journey.rows, odometry), *_doubts(journey.source.rig), *_warnings(unpaired, stored)],
+        "per_frame": [_row(row) for row in tracked],
         "versions": versions(),
-        "seeds": {},
-        "input_hash": hash_of([unit["input_hash"] for unit in done]),
-        "settings_hash": settings_hash,
+        "seeds": {"recognition": 0},
+        "input_hash": hash_of([row["input_hash"] for row in journey.rows]),
+        "settings_hash": journey.folder.config_hash,
     }
 
 
-def _row(unit: Summary) -> Summary:
-    row = {key: value for key, value in unit.items() if key not in ("seconds", "input_hash")}
-    return row | {"pinched_vertices": len(unit["pinched_vertices"])}
+def _troubles(rows: list[Row], odometry: Odometry) -> Iterator[Warning_]:
+    """What went wrong with frames and the map."""
+    for row in rows:
+        if "skipped" in row:
+            yield {"code": "frame_skipped", "message": f"frame {row['index']}: {row['skipped']}"}
+    lost = [row["index"] for row in rows if row.get("is_lost")]
+    if lost:
+        message = (
+            f"tracking was lost in {len(lost)} of {len(rows)} frames, first in frame {lost[0]}: "
+            "their poses are those of a steady motion"
+        )
+        yield {"code": "tracking_lost", "message": message}
+    if odometry.unsolved:
+        message = f"{odometry.unsolved} adjustments of the map had no solution"
+        yield {"code": "adjustment", "message": message}
+
+
+def _row(row: Row) -> Row:
+    plain = {key: value for key, value in row.items() if key not in ("seconds", "input_hash")}
+    return plain | ({"pinched_vertices": len(row["pinched_vertices"])} if "points" in row else {})
 
 
 def _doubts(rig: Rig) -> Iterator[Warning_]:
     return ({"code": "calibration", "message": line} for line in doubts(rig))
 
 
-def _warnings(unpaired: Sequence[str], done: list[Summary], shown: str) -> Iterator[Warning_]:
-    if len(done) > 1:
-        message = f"frames are processed one by one, without a path between them; map and pictures show {shown}"
-        yield {"code": "frames_independent", "message": message}
+def _warnings(unpaired: Sequence[str], done: list[Row]) -> Iterator[Warning_]:
     if unpaired:
         names = ", ".join(unpaired[:3])
         yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner: {names}"}

@@ -145,7 +145,7 @@ class _Reader:
                 images = self._rectify(*images)
             except InputError as error:
                 raise InputError(f"{name}: {error}") from error
-        pair = StereoPair(*images, self.rig, index=index, name=name)
+        pair = StereoPair(*images, self.rig, stamp=float(index), index=index, name=name)
         check_pair(pair)
         return pair
 

@@ -235,7 +235,7 @@ class RunFolder:
         target = self.frame_path(index)
         unit = self.units.get(self._name(target))
         if unit is None:
-            count = sum(name.endswith(".npz") for name in self.units)
+            count = sum(name.startswith("frames/") and name.endswith(".npz") for name in self.units)
             raise bad_input(self.path, f"has no finished frame {index}", f"one of its {count} frames")
         if not self.is_done(target, input_hash=unit.input):
             raise bad_input(target, "is missing or was changed since the run", "the file that the manifest lists")

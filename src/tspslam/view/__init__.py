@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ._frame import FrameView as FrameView
     from ._frame import phase_colours as phase_colours
     from .paths import write_path_picture as write_path_picture
+    from .paths import write_plan_picture as write_plan_picture
     from .pictures import write_pictures as write_pictures
     from .report import write_report as write_report
 
@@ -20,10 +21,11 @@ _HOME = {
     "phase_colours": "_frame",
     "write_path_picture": "paths",
     "write_pictures": "pictures",
+    "write_plan_picture": "paths",
     "write_report": "report",
 }
 
-__all__ = ["FrameView", "phase_colours", "write_path_picture", "write_pictures", "write_report"]
+__all__ = ["FrameView", "phase_colours", "write_path_picture", "write_pictures", "write_plan_picture", "write_report"]
 
 
 def __getattr__(name: str) -> Any:

@@ -66,6 +66,40 @@ def write_path_picture(errors: PathErrors, path: str | Path) -> None:
     write_bytes(path, buffer.getvalue())
 
 
+def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path) -> None:
+    """Draw a camera's path and the points of its map from the side that shows most of the path, as PNG.
+
+    Parameters
+    ----------
+    positions : (T, 3) float64
+        Of the camera, m.
+    xyz : (N, 3) float64
+        Points, m; the nearest nine tenths are in the picture.
+    path : str or path
+        The file to write.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    figure = Figure(figsize=(9, 7), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.subplots()
+    a, b = sorted(np.argsort(-np.ptp(positions, axis=0), kind="stable")[:2].tolist())
+    away = np.linalg.norm(xyz - np.median(positions, axis=0), axis=1)
+    near = xyz[away <= np.quantile(away, 0.9)]
+    ax.scatter(near[:, a], near[:, b], s=0.4, c="#8a94a0", linewidths=0, rasterized=True, label="points of keyframes")
+    ax.plot(positions[:, a], positions[:, b], color=_ESTIMATED, lw=1.6, label="camera")
+    ax.plot(*positions[0, [a, b]], "o", color=_TRUE, ms=5, label="start")
+    ax.set(xlabel=f"{'xyz'[a]}, m", ylabel=f"{'xyz'[b]}, m", title="Camera path and map")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.legend(markerscale=1.5)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    write_bytes(path, buffer.getvalue())
+
+
 def _draw_plan(ax: Axes, errors: PathErrors) -> None:
     """Both paths over the two axes of space along which the true one is longest."""
     a, b = sorted(np.argsort(-np.ptp(errors.reference, axis=0), kind="stable")[:2].tolist())

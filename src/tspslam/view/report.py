@@ -31,6 +31,10 @@ FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
 UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
 NAMES = {"n": "vertices", "euler": "Euler_characteristic"}
 CAPTIONS = {
+    "path": (
+        "Path",
+        "Where the camera went, and the points that its keyframes saw, from the side that shows most of the path.",
+    ),
     "keypoints": (
         "Keypoints by class of depth",
         "Where the left image was matched to the right one. Colour is the depth z of the triangulated point: blue "

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import FloatArray, Rig
+from ..types import FloatArray, Image, Rig
 from .bundle import Adjustment, Observations, adjust
-from .following import Pyramid
+from .following import Pyramid, pyramid
 from .rig import back_project
 from .tracking import SIGMA, Fix, Reference
 
 _LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
-_LEAST_SHARED = 10  # landmarks in common that make an older keyframe hold the window
+_LEAST_SHARED = 4  # landmarks in common that make an older keyframe hold the window
 _LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
 _APART = 12.0  # px between a new landmark and one that is followed
 _OUTLIER = 5.0  # standard deviations
@@ -84,6 +85,16 @@ class OffsetFilter:
         """Its standard deviation, px."""
         return float(self._information**-0.5)
 
+    @property
+    def state(self) -> tuple[float, float]:
+        """Value and information."""
+        return self.value, self._information
+
+    @state.setter
+    def state(self, state: tuple[float, float]) -> None:
+        """Take them over."""
+        self.value, self._information = state
+
     def update(self, offset: float, std: float) -> None:
         """Weigh in what a window found, which began at the same 0 ± `sigma`."""
         own = std**-2.0 - self.sigma**-2.0
@@ -104,7 +115,7 @@ class Map:
     rig : Rig
         The cameras.
     window : int
-        Keyframes that are adjusted together; as many older ones hold them.
+        Keyframes that are adjusted together; all older ones that see the same hold them.
     sigma_disparity : float
         Standard deviation of a disparity, px.
     sigma_offset : float
@@ -116,6 +127,35 @@ class Map:
         self.offset = OffsetFilter(sigma_offset, window)
         self.keyframes: list[Keyframe] = []
         self.xyz, self.words = np.empty((0, 3)), np.empty((0, 4), np.uint64)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All of it but the images, as arrays."""
+        frames = self.keyframes
+        columns = {
+            name: np.concatenate([getattr(f, name) for f in frames])
+            for name in ("landmark", "uv", "disparity")
+            if frames
+        }
+        return columns | {
+            "keyframe_index": np.array([frame.index for frame in frames], np.int64),
+            "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
+            "keyframe_sights": np.array([len(frame.landmark) for frame in frames], np.int64),
+            "xyz": self.xyz,
+            "words": self.words,
+            "offset": np.array(self.offset.state),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
+        """Become the map of that `state`; `image_of` gives the left image of a frame by its number."""
+        self.xyz, self.words = state["xyz"], state["words"]
+        self.offset.state = tuple(state["offset"].tolist())
+        ends = np.cumsum(state["keyframe_sights"])
+        self.keyframes = []
+        for k, index in enumerate(state["keyframe_index"].tolist()):
+            rows = slice(ends[k] - state["keyframe_sights"][k], ends[k])
+            image = pyramid(image_of(index)) if k >= len(ends) - self.window else None
+            sights = (state[name][rows] for name in ("landmark", "uv", "disparity"))
+            self.keyframes.append(Keyframe(index, state["keyframe_pose"][k], image, *sights))
 
     def references(self) -> list[Reference]:
         """The last keyframes, newest first, each with the landmarks that no later one saw."""
@@ -167,9 +207,11 @@ class Map:
         moving = self.keyframes[-self.window :]
         if len(moving) < 2:
             return None
-        points = np.unique(np.concatenate([frame.landmark for frame in moving]))
-        holding = [f for f in self.keyframes[: -self.window] if np.isin(f.landmark, points).sum() >= _LEAST_SHARED]
-        holding = holding[-self.window :] or moving[:1]
+        is_seen = np.zeros(len(self.xyz), np.bool_)
+        is_seen[np.concatenate([frame.landmark for frame in moving])] = True
+        points = np.flatnonzero(is_seen)
+        holding = [f for f in self.keyframes[: -self.window] if is_seen[f.landmark].sum() >= _LEAST_SHARED]
+        holding = holding or moving[:1]
         frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
         return self._problem(frames, points, len(holding))
 
@@ -177,17 +219,17 @@ class Map:
         """Adjustment of frames, the first `held` of which stay, and of the points that two of them see."""
         landmark = np.concatenate([frame.landmark for frame in frames])
         pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
-        kept, counts = np.unique(landmark[np.isin(landmark, points)], return_counts=True)
-        kept = kept[counts >= 2]
+        counts = np.bincount(landmark, minlength=len(self.xyz))
+        kept = points[counts[points] >= 2]
         if len(kept) < _LEAST_POINTS:
             return None
-        used = np.flatnonzero(np.isin(landmark, kept))
+        row = np.full(len(self.xyz), -1)
+        row[kept] = np.arange(len(kept))
+        used = np.flatnonzero(row[landmark] >= 0)
         uv = np.concatenate([frame.uv for frame in frames])[used]
         disparity = np.concatenate([frame.disparity for frame in frames])[used]
         ones = np.ones(len(used))
-        seen = Observations(
-            pose[used], np.searchsorted(kept, landmark[used]), uv, disparity, SIGMA * ones, self.sigma_disparity * ones
-        )
+        seen = Observations(pose[used], row[landmark[used]], uv, disparity, SIGMA * ones, self.sigma_disparity * ones)
         self._asked = frames, kept, pose, used
         T, xyz, fixed = np.stack([f.T_world_camera for f in frames]), self.xyz[kept], np.arange(len(frames)) < held
         offset, sigma = self.offset.value, self.offset.sigma
@@ -200,7 +242,7 @@ class Map:
         good = np.ones(len(pose), np.bool_)
         good[used[found.distance > _OUTLIER]] = False
         place = {frame.index: k for k, frame in enumerate(self.keyframes)}
-        parts = np.split(good, np.flatnonzero(np.diff(pose)) + 1)
+        parts = np.split(good, np.searchsorted(pose, np.arange(1, len(frames))))
         for frame, T, stays in zip(frames, found.T_world_camera, parts, strict=True):
             k = place[frame.index]
             image = self.keyframes[k].image

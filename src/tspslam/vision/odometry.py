@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from ..types import FloatArray, Rig, StereoPair, Trajectory
+from ..types import FloatArray, Image, Rig, StereoPair, Trajectory
 from .bundle import Adjustment
 from .dense import checked_map, sample_map
 from .features import check_ranges, grey_levels
@@ -171,6 +174,29 @@ class Odometry:
         poses = [self.map.keyframes[at].T_world_camera @ T for at, T in self._anchors]
         return Trajectory(np.array(self._stamps), np.array(poses).reshape(-1, 4, 4))
 
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that the next frame depends on, as arrays; `restore` takes them."""
+        counts = self._wanted, self._lost, self.unsolved, self._asked is not None
+        return self.map.state() | {
+            "stamps": np.array(self._stamps),
+            "anchors": np.array([at for at, _ in self._anchors], np.int64),
+            "anchored": np.array([T for _, T in self._anchors]).reshape(-1, 4, 4),
+            "poses": np.stack([self._pose, self._motion]),
+            "counts": np.array(counts, np.int64),
+            "row_offset": np.array(self._row_offset),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
+        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0."""
+        self.map.restore(state, image_of)
+        self._stamps = state["stamps"].tolist()
+        self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
+        self._pose, self._motion = state["poses"]
+        self._wanted, self._lost, self.unsolved, asked = state["counts"].tolist()
+        self._row_offset = float(state["row_offset"])
+        if asked:  # what was under way began from this very map
+            self._ask()
+
     def finish(self) -> None:
         """Wait for the adjustment under way, so that the trajectory is final."""
         self._join()
@@ -270,6 +296,10 @@ class Odometry:
         self.map.add(len(self._stamps), self._pose, image, fix, new)
         self._wanted = len(self.map.keyframes[-1].landmark)
         self._row_offset = stereo.quality.vertical_offset_px
+        self._ask()
+
+    def _ask(self) -> None:
+        """Have the last keyframes adjusted."""
         work = self.map.adjustment()
         self._asked = None if work is None else self._worker.submit(work)
 

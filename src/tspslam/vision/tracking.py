@@ -16,14 +16,24 @@ from .se3 import inverse
 
 LEAST_MATCHES = 15
 SIGMA = 0.3  # px, of a followed point
-_ROUGH, _FINE = range(3, 0, -1), range(0, -1, -1)  # levels, before and after there is a pose
-_ROUGH_SIGMA = 2.0  # px
-_ROUGH_GATES, _GATES = (5.0,), (6.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
-_ENOUGH = 300  # points that a rough pose rests on
+_GATES = (6.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
 _LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
 _LEAST_DEPTH = 0.1  # m
 _NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
 _MOST_BITS, _RATIO = 64, 0.85  # of 256; the best distance against the second
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Levels of the pyramid to go through, px of standard deviation, gates in those, and about how many points."""
+
+    levels: range
+    sigma: float
+    gates: tuple[float, ...]
+    most: int
+
+
+_ROUGH, _FINE = _Stage(range(3, 0, -1), 2.0, (5.0,), 300), _Stage(range(0, -1, -1), SIGMA, _GATES, 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -94,9 +104,8 @@ def locate(
     T_guess : (4, 4) float64
         ``T_world_camera`` to start from.
     """
-    some = _thinned(references, _ENOUGH)
-    rough = _located(rig, image, some, xyz, T_guess, _ROUGH, _ROUGH_SIGMA)
-    return rough and _located(rig, image, references, xyz, rough.T_world_camera, _FINE, SIGMA)
+    rough = _located(rig, image, references, xyz, T_guess, _ROUGH)
+    return rough and _located(rig, image, references, xyz, rough.T_world_camera, _FINE)
 
 
 def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float) -> Fix:
@@ -111,38 +120,41 @@ def observations(fix: Fix, pose: int, sigma: float, sigma_disparity: float) -> O
     return Observations(np.full(len(fix), pose), rows, fix.uv, fix.disparity, sigma * ones, sigma_disparity * ones)
 
 
-def _thinned(references: Sequence[Reference], count: int) -> list[Reference]:
-    """References with about `count` of their landmarks, evenly chosen."""
-    step = max(1, sum(len(reference.landmark) for reference in references) // count)
-    return [replace(one, uv=one.uv[::step], landmark=one.landmark[::step]) for one in references]
-
-
 def _located(
-    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, levels: range,
-    sigma: float,
-) -> Fix | None:  # fmt: skip
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, stage: _Stage
+) -> Fix | None:
     """Follow what should be seen from a pose, and settle on a pose."""
-    found = [_followed(rig, image, reference, xyz, T, levels) for reference in references]
+    visible = [_visible(rig, reference, xyz, T) for reference in references]
+    step = max(1, sum(map(len, visible)) // stage.most)
+    found = [
+        _followed(rig, image, reference, rows[::step], xyz, T, stage.levels)
+        for reference, rows in zip(references, visible, strict=True)
+    ]
     uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
     fix = Fix(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf))
-    settled = _settled(rig, xyz, fix, sigma, 1.0, _ROUGH_GATES)
+    settled = _settled(rig, xyz, fix, stage.sigma, 1.0, stage.gates)
     return settled if settled and len(settled) >= _LEAST_SHARE * len(fix) else None
 
 
-def _followed(
-    rig: Rig, image: Pyramid, reference: Reference, xyz: FloatArray, T: FloatArray, levels: range
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Places of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
-    before, X = _of_camera(xyz, reference.landmark, reference.T_world_camera), xyz[reference.landmark]
-    places = project(rig, (X - T[:3, 3]) @ T[:3, :3])
-    depth = (X - T[:3, 3]) @ T[:3, 2]
+def _visible(rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray) -> NDArray[np.int64]:
+    """Rows of a reference's landmarks that lie in the view of a camera at T, about as near as in the reference."""
+    before, now = (_of_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = before[:, 2] / depth
-    alike = (depth > _LEAST_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
-    rows = np.flatnonzero(alike & _inside(rig, places))
-    shapes = warps(rig, inverse(T) @ reference.T_world_camera, before[rows])
-    uv, good = follow(reference.image, image, reference.uv[rows], shapes, places[rows], levels)
-    return uv[good], reference.landmark[rows[good]]
+        ratio = before[:, 2] / now[:, 2]
+    alike = (now[:, 2] > _LEAST_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
+    return np.flatnonzero(alike & _inside(rig, project(rig, now)))
+
+
+def _followed(
+    rig: Rig, image: Pyramid, reference: Reference, rows: NDArray[np.int64], xyz: FloatArray, T: FloatArray,
+    levels: range,
+) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
+    """Places of some of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
+    landmark = reference.landmark[rows]
+    places = project(rig, _of_camera(xyz, landmark, T))
+    shapes = warps(rig, inverse(T) @ reference.T_world_camera, _of_camera(xyz, landmark, reference.T_world_camera))
+    uv, good = follow(reference.image, image, reference.uv[rows], shapes, places, levels)
+    return uv[good], landmark[good]
 
 
 def _of_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:

@@ -1,0 +1,53 @@
+"""Bundle adjustment beside GTSAM: the same windows of keyframes, noise and Huber costs, to the same relative decrease.
+
+``python -m benchmarks.bundle_gtsam`` prints the figures; GTSAM (4.3) is not among the dependencies.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from tests.vision import gtsam_oracle as oracle
+
+from .measure import median_seconds, paired
+
+Figures = dict[str, float]
+ENOUGH, STEPS = 1e-6, 20  # where `adjust` ends
+RIVALS = {  # how held poses are held, and the elimination
+    "GTSAM QR, held by equality": ("equality", "MULTIFRONTAL_QR"),
+    "GTSAM QR, held by tight priors": ("prior", "MULTIFRONTAL_QR"),
+    "GTSAM Cholesky, held by tight priors": ("prior", "MULTIFRONTAL_CHOLESKY"),
+}
+
+
+def window_figures(hold: str, solver: str, seed: int = 0, rounds: int = 5) -> Figures:
+    """Time of `adjust` and of GTSAM from the same arrays; theirs with and without the making of the graph."""
+    problem = oracle.window(seed)
+    search = partial(oracle.solved, solver=solver, enough=ENOUGH, most_steps=STEPS)
+    made = lambda: (oracle.graph_of(problem, hold=hold), oracle.start_of(problem))  # noqa: E731
+    ready = made()
+    ours, whole, ratio = paired(lambda: oracle.adjusted(problem, most_steps=STEPS), lambda: search(*made()), rounds)
+    _, search_only, search_ratio = paired(
+        lambda: oracle.adjusted(problem, most_steps=STEPS), lambda: search(*ready), rounds
+    )
+    found, (values, steps) = oracle.adjusted(problem, most_steps=STEPS), search(*ready)
+    return {
+        "points": len(problem.xyz), "sights": len(problem.seen.pose),
+        "ms": 1e3 * ours, "gtsam_ms": 1e3 * whole, "gtsam_search_ms": 1e3 * search_only,
+        "gtsam_graph_ms": 1e3 * median_seconds(made, rounds), "ratio": ratio, "search_ratio": search_ratio,
+        "steps": found.steps, "gtsam_steps": steps, "cost_beyond": found.cost / (2 * ready[0].error(values)) - 1,
+    }  # fmt: skip
+
+
+FIGURES = {name: partial(window_figures, *how) for name, how in RIVALS.items()}
+
+
+def main() -> None:
+    for name, figure in FIGURES.items():
+        print(name)
+        for key, value in figure().items():
+            print(f"  {key:<24} {value:>12.4g}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""How good and how fast the path is, beside frame-to-frame odometry from OpenCV's parts on the same images.
+
+``python -m benchmarks.slam [--data FOLDER]... [--docs docs] [--small]``; with ``--docs`` the table goes to the page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tspslam import Rig, StereoPair, Trajectory, evaluate_trajectory
+from tspslam.config import resolve
+from tspslam.datasets import open_sequence, synthetic
+from tspslam.io import RunFolder
+from tspslam.journey import Journey
+from tspslam.session import Session
+
+from .naive import Naive
+
+WIDE = Rig(fx=707.0, fy=707.0, cx=602.0, cy=183.0, baseline=0.54, width=1226, height=370)
+ROOM = Rig(fx=436.0, fy=436.0, cx=376.0, cy=240.0, baseline=0.11, width=752, height=480)
+NOISE = synthetic.Faults(noise=0.01, blur=0.5)
+
+
+@dataclass
+class Held:
+    """Pairs in memory, so that no time goes into rendering them."""
+
+    name: str
+    rig: Rig
+    pairs: list[StereoPair]
+    truth: Trajectory
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        return self.pairs[index]
+
+
+def held(name: str, sequence: synthetic.SyntheticSequence) -> Held:
+    pairs = [sequence[index] for index in range(len(sequence))]
+    return Held(name, sequence.rig, pairs, Trajectory(sequence.stamps, sequence.truth))
+
+
+def worlds(small: bool) -> Iterator[Held]:
+    length = 30.0 if small else 300.0
+    yield held(f"street, {length:g} m, 1226 x 370", synthetic.SyntheticSequence(synthetic.street(length), WIDE, NOISE))
+    yield held(f"corridor, {length:g} m, 512 x 384", corridor(length))
+    laps = 0.1 if small else 1.0
+    yield held(f"room, {laps:g} lap, 752 x 480", synthetic.SyntheticSequence(synthetic.room(laps=laps), ROOM, NOISE))
+    yield held(
+        "still camera, 512 x 384", synthetic.SyntheticSequence(synthetic.still(20 if small else 200), faults=NOISE)
+    )
+
+
+def corridor(length: float) -> synthetic.SyntheticSequence:
+    return synthetic.SyntheticSequence(synthetic.corridor(length), synthetic.PAPER_RIG, NOISE)
+
+
+def opened(folder: str) -> Held:
+    sequence = open_sequence(folder)
+    pairs = [sequence[index] for index in range(len(sequence))]
+    stamps = np.array([pair.stamp for pair in pairs])
+    return Held(sequence.name, sequence.rig, pairs, Trajectory(stamps, sequence.truth))
+
+
+def ours(source: Held) -> tuple[Trajectory, float, dict[str, object]]:
+    """Path, seconds a frame (frames with complexes written to disk, without drawing), and what was noted."""
+    with tempfile.TemporaryDirectory() as out:
+        with RunFolder.create(f"{out}/warm", {}) as folder:
+            list(Journey(source, range(3), Session(source.rig), folder).proceed())
+        with RunFolder.create(f"{out}/run", {}) as folder:
+            journey = Journey(source, range(len(source)), Session(source.rig, resolve().settings), folder)
+            started = time.perf_counter()
+            list(journey.proceed())
+            journey.session.odometry.finish()
+            seconds = (time.perf_counter() - started) / len(source)
+    offset, std = journey.session.odometry.disparity_offset
+    lost = sum(row["is_lost"] for row in journey.tracked)
+    keyframes = sum(row["is_keyframe"] for row in journey.tracked)
+    return journey.trajectory, seconds, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
+
+
+def naive(source: Held) -> tuple[Trajectory, float]:
+    """The same of the reference."""
+    Naive(source.rig).process(source[0])
+    reference = Naive(source.rig)
+    started = time.perf_counter()
+    poses = [reference.process(pair) for pair in source.pairs]
+    return Trajectory(source.truth.stamp, np.array(poses)), (time.perf_counter() - started) / len(source)
+
+
+def row(source: Held) -> list[str]:
+    path, seconds, found = ours(source)
+    other, other_seconds = naive(source)
+    error, rival = (evaluate_trajectory(p, source.truth) for p in (path, other))
+    length = float(np.linalg.norm(np.diff(source.truth.T_world_camera[:, :3, 3], axis=0), axis=1).sum())
+    ten = error.per_distance[10.0]
+    return [
+        source.name, f"{length:.3g}", f"{error.ate_rmse_m:.4f}", f"{ten.translation_percent:.2f}" if ten.pairs else "-",
+        f"{rival.ate_rmse_m:.4f}", f"{found['keyframes']} of {len(source)}", str(found["lost"]), str(found["offset"]),
+        f"{1 / seconds:.0f}", f"{1 / other_seconds:.0f}",
+    ]  # fmt: skip
+
+
+HEAD = [
+    "sequence", "length, m", "ATE, m", "RPE over 10 m, %", "ATE of OpenCV's parts, m", "keyframes", "lost",
+    "disparity offset, px", "frames/s", "frames/s of OpenCV's parts",
+]  # fmt: skip
+
+
+def memory(frames: int) -> list[float]:
+    """Largest resident memory, MB, beyond what a first frame needs, after each quarter of a walk in circles."""
+    sequence = synthetic.SyntheticSequence(synthetic.room(laps=frames / 240), synthetic.PAPER_RIG, NOISE)
+    session, marks = Session(sequence.rig), []
+    session.process(sequence[0])
+    start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for k in range(1, frames):
+        session.process(sequence[k])
+        if k % (frames // 4) == frames // 4 - 1:
+            marks.append((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start) / 1024)
+    return marks
+
+
+def table(rows: list[list[str]]) -> str:
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    for cells in [HEAD, *rows]:
+        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", action="append", default=[], help="a recording with true poses")
+    parser.add_argument("--docs", type=Path, help="write the table there")
+    parser.add_argument("--small", action="store_true", help="short worlds")
+    given = parser.parse_args(arguments)
+    marks = memory(40 if given.small else 1000)
+    rows = []
+    for source in [*worlds(given.small), *map(opened, given.data)]:
+        rows.append(row(source))
+        print(dict(zip(HEAD, rows[-1], strict=True)), flush=True)
+    said = ", ".join(f"{mark:.0f}" for mark in marks)
+    text = (
+        table(rows) + f"\nMemory beyond the first frame, MB, after each quarter of {1000} frames in circles: {said}.\n"
+    )
+    print(text)
+    if given.docs and not given.small:
+        (given.docs / "path_numbers.inc").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,197 @@
+"""Frame by frame through a source, each noted when it is finished; gone on with where an earlier run stopped."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
+
+import numpy as np
+
+from .errors import InputError
+from .io import RunFolder, StoredFrame, read_frame, write_bytes, write_frame
+from .merging import merged
+from .records import Row, frame_row, hash_of, pair_hash
+from .session import Frame, Session
+from .types import Image, Rig, StereoPair, Trajectory
+
+STATE_NAME = "state.npz"
+_EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
+
+
+class Source(Protocol):
+    """Pairs of one rig, by index."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras of all pairs."""
+
+    def __len__(self) -> int:
+        """How many pairs there are."""
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read one pair."""
+
+
+class Journey:
+    """The frames of a run.
+
+    Parameters
+    ----------
+    source : Source
+        The pairs.
+    wanted : range
+        Which of them.
+    session : Session
+        What processes them.
+    folder : RunFolder
+        Where finished keyframes and checkpoints go, and where an earlier run may have left some.
+
+    Attributes
+    ----------
+    rows : list of dict
+        One for each pair tried: its numbers, or why it was skipped.
+    last_error : InputError or None
+        Why the last pair that was skipped was.
+    """
+
+    def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
+        self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
+        self.rows: list[Row] = []
+        self.last_error: InputError | None = None
+        self._resume()
+        self._saved = len(self.rows)
+
+    @property
+    def tracked(self) -> list[Row]:
+        """Rows of the pairs that could be used, each with a pose."""
+        return [row for row in self.rows if "skipped" not in row]
+
+    @property
+    def stored(self) -> list[Row]:
+        """Rows of the frames that have a file: keyframes, lost ones, or all."""
+        return [row for row in self.rows if "points" in row]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Path of the frames; of several of one moment, the first."""
+        path = self.session.trajectory
+        first = np.diff(path.stamp, prepend=-np.inf) > 0
+        return Trajectory(path.stamp[first], path.T_world_camera[first])
+
+    def proceed(self) -> Iterator[tuple[int, int]]:
+        """Process one pair after another, the next one read meanwhile: (pairs done, index)."""
+        for index, pair in self._read(self.wanted[len(self.rows) :]):
+            self.rows.append(self._process(index, pair))
+            done = len(self.rows)
+            if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
+                self._save()
+            yield done, index
+
+    def _read(self, wanted: range) -> Iterator[tuple[int, StereoPair | InputError]]:
+        """Pairs, or why they cannot be read."""
+        if not wanted:
+            return
+        with ThreadPoolExecutor(1) as reader:
+            coming = reader.submit(self._one, wanted[0])
+            for index, following in itertools.zip_longest(wanted, wanted[1:]):
+                pair = coming.result()
+                if following is not None:
+                    coming = reader.submit(self._one, following)
+                yield index, pair
+
+    def _one(self, index: int) -> StereoPair | InputError:
+        try:
+            return self.source[index]
+        except InputError as error:
+            return error
+
+    def _process(self, index: int, pair: StereoPair | InputError) -> Row:
+        """Row of one pair; its frame goes to the folder if it carries a complex."""
+        key = _input_hash(pair, self.session)
+        try:
+            if isinstance(pair, InputError):
+                raise pair
+            frame = self.session.process(pair)
+            every = self.session.settings.tracking.every_frame
+            if every or frame.is_keyframe or frame.tracked.is_lost:
+                return self._store(frame, key)
+            return frame_row(frame, key) | {"seconds": frame.seconds}
+        except InputError as error:
+            self.last_error = error
+            return {"index": index, "input_hash": key, "skipped": str(error)}
+
+    def _store(self, frame: Frame, key: str) -> Row:
+        """Write a frame and its numbers, unless an earlier run did; a lost one that shows nothing has no file."""
+        path = self.folder.frame_path(frame.index)
+        try:
+            row = frame_row(frame, key, with_complex=True)
+        except InputError:
+            if frame.is_keyframe:
+                raise
+            return frame_row(frame, key)
+        if not self.folder.is_done(path, input_hash=key):
+            write_frame(path, frame)
+            self.folder.record(path, input_hash=key)
+        numbers = path.with_suffix(".json")
+        write_bytes(numbers, (json.dumps(row, indent=1, allow_nan=False) + "\n").encode())
+        self.folder.record(numbers, input_hash=key)
+        return row | {"seconds": frame.seconds}
+
+    def _save(self) -> None:
+        """Write a checkpoint: all that the next frame depends on."""
+        plain = [{name: value for name, value in row.items() if name != "seconds"} for row in self.rows]
+        text = np.frombuffer(json.dumps(plain, allow_nan=False).encode(), np.uint8)
+        buffer, path = io.BytesIO(), self.folder.path / STATE_NAME
+        np.savez(buffer, allow_pickle=False, rows=text, **self.session.odometry.state())
+        write_bytes(path, buffer.getvalue())
+        self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
+        self._saved = len(self.rows)
+
+    def _resume(self) -> None:
+        """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
+        unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
+        if unit is None or not self.folder.is_done(path, input_hash=unit.input):
+            return
+        with np.load(path, allow_pickle=False) as archive:
+            state = {name: archive[name] for name in archive.files}
+        rows = json.loads(state.pop("rows").tobytes())
+        if len(rows) <= len(self.wanted) and all(map(self._is_as_before, self.wanted, rows)):
+            self.rows = rows
+            places = [row["index"] for row in self.tracked]
+            self.session.odometry.restore(state, lambda number: self._image(places[number]))
+
+    def _image(self, index: int) -> Image:
+        return self.source[index].left
+
+    def _is_as_before(self, index: int, row: Row) -> bool:
+        if "points" in row and not self.folder.is_done(self.folder.frame_path(index), input_hash=row["input_hash"]):
+            return False
+        return row["index"] == index and row["input_hash"] == _input_hash(self._one(index), self.session)
+
+
+def folder_name(row: Row) -> str:
+    """Name of a frame's file in its run folder."""
+    return f"frames/{row['index']:06d}.npz"
+
+
+def merged_map(journey: Journey) -> StoredFrame:
+    """All stored frames in the world, as one complex."""
+    rows, path = journey.stored, journey.session.trajectory.T_world_camera
+    place = {row["index"]: number for number, row in enumerate(journey.tracked)}
+    frames = (read_frame(journey.folder.frame_path(row["index"])) for row in rows)
+    return merged(frames, path[[place[row["index"]] for row in rows]])
+
+
+def _input_hash(pair: StereoPair | InputError, session: Session) -> str:
+    """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
+    key = hash_of(str(pair)) if isinstance(pair, InputError) else pair_hash(pair)
+    prints = session.fingerprints
+    return hash_of([key, prints]) if any(prints) else key
