@@ -19,6 +19,8 @@ _LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only
 _LEAST_SHARED = 4  # landmarks in common that make an older keyframe hold the window
 _LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
 _APART = 12.0  # px between a new landmark and one that is followed
+_CULLED = 10  # keyframes between cullings of landmarks
+_MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
 _STEPS = 8
 
@@ -84,6 +86,10 @@ class OffsetFilter:
     def std(self) -> float:
         """Its standard deviation, px."""
         return float(self._information**-0.5)
+
+    def settle(self, offset: float, std: float) -> None:
+        """Take over what all keyframes together say."""
+        self.value, self._information = offset, std**-2.0
 
     @property
     def state(self) -> tuple[float, float]:
@@ -195,9 +201,24 @@ class Map:
         return rows
 
     def _let_go(self) -> None:
-        """Forget the image of the keyframe that has left the window."""
+        """Forget the image of the keyframe that has left the window; now and then, landmarks that are of no use."""
         if len(self.keyframes) > self.window:
             self.keyframes[-self.window - 1] = replace(self.keyframes[-self.window - 1], image=None)
+        if len(self.keyframes) % _CULLED == 0:
+            self._cull()
+
+    def _cull(self) -> None:
+        """Drop landmarks that only one keyframe saw, unless that is in the window."""
+        kept = np.bincount(np.concatenate([frame.landmark for frame in self.keyframes]), minlength=len(self.xyz)) > 1
+        for frame in self.keyframes[-self.window :]:
+            kept[frame.landmark] = True
+        number = np.cumsum(kept) - 1
+        self.xyz, self.words = self.xyz[kept], self.words[kept]
+        for k, frame in enumerate(self.keyframes):
+            stays = kept[frame.landmark]
+            self.keyframes[k] = replace(
+                frame, landmark=number[frame.landmark[stays]], uv=frame.uv[stays], disparity=frame.disparity[stays]
+            )
 
     def adjustment(self) -> Callable[[], Adjustment] | None:
         """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
@@ -214,6 +235,15 @@ class Map:
         holding = holding or moving[:1]
         frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
         return self._problem(frames, points, len(holding))
+
+    def adjust_whole(self) -> None:
+        """Adjust all keyframes but the first, and all landmarks, at once; maps of very many keyframes stay."""
+        if 2 <= len(self.keyframes) <= _MOST_AT_ONCE:
+            work = self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
+            if work is not None:
+                found = work()
+                self.apply(found)
+                self.offset.settle(found.offset, found.offset_std)
 
     def _problem(self, frames: list[Keyframe], points: NDArray[np.int64], held: int) -> Callable[[], Adjustment] | None:
         """Adjustment of frames, the first `held` of which stay, and of the points that two of them see."""

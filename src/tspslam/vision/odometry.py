@@ -198,8 +198,14 @@ class Odometry:
             self._ask()
 
     def finish(self) -> None:
-        """Wait for the adjustment under way, so that the trajectory is final."""
+        """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         self._join()
+        before = self._last_pose()
+        try:
+            self.map.adjust_whole()
+        except GeometryError:
+            self.unsolved += 1
+        self._follow_map(before)
 
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair.
@@ -313,9 +319,16 @@ class Odometry:
         except GeometryError:  # what was seen does not fix the keyframes: they stay
             self.unsolved += 1
             return
-        before = self.map.keyframes[-1].T_world_camera
+        before = self._last_pose()
         self.map.apply(found)
-        self._pose = normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ self._pose)
+        self._follow_map(before)
+
+    def _last_pose(self) -> FloatArray:
+        return self.map.keyframes[-1].T_world_camera
+
+    def _follow_map(self, before: FloatArray) -> None:
+        """Go on from where the last keyframe, once at `before`, is now."""
+        self._pose = normalised(self._last_pose() @ inverse(before) @ self._pose)
 
     def _remember(self, stamp: float) -> None:
         self._stamps.append(stamp)
