@@ -1,4 +1,4 @@
-"""Where pairs come from: a sample, folders in known layouts, depth maps, worlds with a known truth."""
+"""Where pairs come from: a sample, folders in known layouts, bags of ROS, depth maps, worlds with a known truth."""
 
 from . import synthetic as synthetic
 from .euroc import EurocSequence as EurocSequence
@@ -8,6 +8,7 @@ from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
+from .rosbag import RosbagSequence as RosbagSequence
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
 from .utias import UtiasRun as UtiasRun
@@ -15,6 +16,7 @@ from .utias import UtiasRun as UtiasRun
 __all__ = [
     "EurocSequence",
     "KittiSequence",
+    "RosbagSequence",
     "StereoFolder",
     "UtiasRun",
     "motorcycle",

@@ -1,4 +1,4 @@
-"""Which reader a folder is for, told by what lies in it."""
+"""Which reader a folder or a bag is for, told by what lies in it."""
 
 from __future__ import annotations
 
@@ -6,28 +6,31 @@ from pathlib import Path
 
 from .._files import PathLike
 from ..errors import InputError
+from ._ros import is_bag
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
+from .rosbag import RosbagSequence
 from .utias import UtiasRun
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun
+Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
 
 
 def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
-    """Open a folder of stereo pairs with the reader of its layout.
+    """Open a folder or a bag of stereo pairs with the reader of its layout.
 
     Parameters
     ----------
     path : str or path
         A folder with `left/` and `right/`; with `mav0/` (EuRoC, ASL); with `image_0/` or `image_2/` (KITTI odometry),
-        `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS).
+        `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS); with `metadata.yaml` and `.db3` or `.mcap`
+        files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file.
     calib : str or path, optional
         Calibration of a plain folder or a UTIAS run; the other layouts bring their own.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence or UtiasRun
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun or RosbagSequence
         Grey cameras where KITTI has both.
 
     Raises
@@ -50,8 +53,11 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
         return StereoFolder(folder, calib)
     if has("images/left", "images/right"):
         return UtiasRun(folder, calib)
-    if calib is not None and has("mav0", "cam0", "image_0", "image_2", "image_00", "image_02"):
+    bag = is_bag(folder)
+    if calib is not None and (bag or has("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")):
         raise InputError(f"{folder}: brings its own calibration, expected none beside it ({calib})")
+    if bag:
+        return RosbagSequence(folder)
     if has("mav0", "cam0"):
         return EurocSequence(folder)
     if has("image_0", "image_2", "image_00", "image_02"):
@@ -59,5 +65,5 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
     said = "has none of the known layouts" if folder.is_dir() else "is no folder"
     raise InputError(
         f"{folder}: {said}, expected one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, "
-        "or images/left/"
+        "images/left/, or a bag of ROS"
     )

@@ -19,6 +19,7 @@ _LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only
 _LEAST_SHARED = 4  # landmarks in common that make an older keyframe hold the window
 _LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
 _APART = 12.0  # px between a new landmark and one that is followed
+_LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
 _CULLED = 10  # keyframes between cullings of landmarks
 _MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
@@ -159,7 +160,7 @@ class Map:
         self.keyframes = []
         for k, index in enumerate(state["keyframe_index"].tolist()):
             rows = slice(ends[k] - state["keyframe_sights"][k], ends[k])
-            image = pyramid(image_of(index)) if k >= len(ends) - self.window else None
+            image = pyramid(image_of(index)) if k >= len(ends) - _LOOKED_FOR else None
             sights = (state[name][rows] for name in ("landmark", "uv", "disparity"))
             self.keyframes.append(Keyframe(index, state["keyframe_pose"][k], image, *sights))
 
@@ -167,7 +168,7 @@ class Map:
         """The last keyframes, newest first, each with the landmarks that no later one saw."""
         taken = np.zeros(len(self.xyz), np.bool_)
         found = []
-        for frame in reversed(self.keyframes[-self.window :]):
+        for frame in reversed(self.keyframes[-_LOOKED_FOR:]):
             new = ~taken[frame.landmark]
             taken[frame.landmark] = True
             assert frame.image is not None
@@ -201,9 +202,9 @@ class Map:
         return rows
 
     def _let_go(self) -> None:
-        """Forget the image of the keyframe that has left the window; now and then, landmarks that are of no use."""
-        if len(self.keyframes) > self.window:
-            self.keyframes[-self.window - 1] = replace(self.keyframes[-self.window - 1], image=None)
+        """Forget the image of a keyframe that is not looked for; now and then, landmarks that are of no use."""
+        if len(self.keyframes) > _LOOKED_FOR:
+            self.keyframes[-_LOOKED_FOR - 1] = replace(self.keyframes[-_LOOKED_FOR - 1], image=None)
         if len(self.keyframes) % _CULLED == 0:
             self._cull()
 

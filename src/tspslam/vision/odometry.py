@@ -36,7 +36,7 @@ class Tracking:
     Parameters
     ----------
     window : int
-        Keyframes that are adjusted together, and whose landmarks are looked for.
+        Keyframes that are adjusted together.
     keyframe_share : float
         Of the last keyframe's landmarks: fewer that are followed ask for a new keyframe.
     patience : int

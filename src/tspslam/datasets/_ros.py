@@ -1,0 +1,214 @@
+"""What bags of ROS and their messages say: which topics are a pair, their cameras, the pixels of an image."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._files import bad_input, one_line, reason_of
+from ..errors import InputError
+from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _pixels, _quiet
+from ..types import Camera, Image, RawRig, Rig
+from ..vision.formats._pose import motion, rotation
+from ..vision.formats._source import Source
+from ..vision.formats._values import DISTORTION, OPENCV_COUNTS, Found, distortion, from_camera_matrix, from_projections
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_SIDES = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_0", "image_1"))
+_RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")
+_MOST_LISTED = 20
+_FILES = (".bag", ".mcap", ".db3")
+_STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
+_BROWN = ("plumb_bob", "rational_polynomial", "")  # the second one is Brown's where k4, k5 and k6 are 0
+_TURNED = 1e-6  # of R against no rotation
+_SAME = 1e-3  # px, of K against P
+_GREY, _RGB, _BGR = (0,), (0, 1, 2), (2, 1, 0)
+_ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
+    "mono8": ("u1", 1, _GREY),
+    "8UC1": ("u1", 1, _GREY),
+    "mono16": ("u2", 1, _GREY),
+    "16UC1": ("u2", 1, _GREY),
+    "rgb8": ("u1", 3, _RGB),
+    "bgr8": ("u1", 3, _BGR),
+    "rgba8": ("u1", 4, _RGB),
+    "bgra8": ("u1", 4, _BGR),
+}
+"""For each encoding: type of a value, values of a pixel, and which of them are grey or R, G, B."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: a file with the suffix of one, or a folder of ROS 2."""
+    if not os.path.isdir(path):
+        return path.suffix.lower() in _FILES
+    with contextlib.suppress(OSError):
+        names = os.listdir(path)
+        return "metadata.yaml" in names and any(name.endswith(_STORED) for name in names)
+    return False
+
+
+@dataclass(frozen=True)
+class Info:
+    """A CameraInfo message and where it stands."""
+
+    topic: str
+    message: Any
+
+    def field(self, name: str) -> list[float]:
+        """Return the numbers of D, K, R or P, which ROS 2 writes in small letters."""
+        values: list[float] = getattr(self.message, name if hasattr(self.message, name) else name.lower()).tolist()
+        return values
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether a topic's name says that its images are rectified."""
+    return _RECTIFIED.search(topic) is not None
+
+
+def sides(path: Path, images: Mapping[str, str], left: str | None, right: str | None) -> tuple[str, str]:
+    """Return the topics of the left and the right images: those asked for, else the best pair if there is one.
+
+    `images` are the types of the image topics. Rectified images go before raw ones, then raw pixels before compressed
+    ones.
+    """
+    for given in (left, right):
+        if given is not None and given not in list(images):
+            raise bad_input(path, f"has no images on {str(given)[:80]}", f"one of {_listed(images)}")
+    if left is not None and left == right:
+        raise bad_input(path, f"left and right are both {left}", f"two of {_listed(images)}")
+    if left is not None and right is not None:
+        return left, right
+    found = [pair for pair in _partners(images) if left in (None, pair[0]) and right in (None, pair[1])]
+    ranks = [(not is_rectified(one), images[one] == COMPRESSED) for one, _ in found]
+    best = [pair for pair, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
+    if len(best) != 1:
+        said = f"has {len(best) or 'no'} pairs of topics with images that look like left and right"
+        raise bad_input(path, said, f"left= and right= to be given, of {_listed(images)}")
+    return best[0]
+
+
+def _partners(images: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Topics whose names differ in nothing but the side."""
+    pairs = [(topic, topic.replace(one, other)) for topic in images for one, other in _SIDES if one in topic]
+    return sorted({pair for pair in pairs if pair[1] in images})
+
+
+def _listed(topics: Mapping[str, str]) -> str:
+    names = sorted(topics)
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return (", ".join(names[:_MOST_LISTED]) or "no topic with images") + more
+
+
+def info_topic(path: Path, topic: str, kind: str, known: Mapping[str, str]) -> str:
+    """Return the topic of the CameraInfo beside or below one of images."""
+    base = topic.rpartition("/")[0] if kind == COMPRESSED else topic
+    places = [f"{folder}/camera_info" for folder in (base.rpartition("/")[0], base)]
+    for place in places:
+        if known.get(place) == CAMERA_INFO:
+            return place
+    raise bad_input(path, f"has no CameraInfo of {topic}", f"one on {' or '.join(places)}")
+
+
+def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRig:
+    """Return the cameras of two CameraInfo messages: P of rectified images, else K, D, R and P.
+
+    Raw images whose cameras have no distortion, no rotation and K as in P are rectified ones.
+    """
+    values = {f"{info.topic}.{name}": info.field(name) for info in (left, right) for name in "DKRP"}
+    source = Source(path, values)
+    found = from_projections(source, f"{left.topic}.P", f"{right.topic}.P")
+    if not rectified:
+        for info in (left, right):
+            _check_model(source, info)
+    try:
+        if rectified or not any(_is_raw(source, info) for info in (left, right)):
+            return Rig(**_plain(found), width=int(left.message.width), height=int(left.message.height))
+        return _raw_rig(source, left, right, found["baseline"][0])
+    except InputError as error:
+        raise _named(path, error) from error
+
+
+def _named(path: Path, error: InputError) -> InputError:
+    said = one_line(str(error))
+    return InputError(said if said.startswith(one_line(str(path))) else one_line(f"{path}: {said}"))
+
+
+def _plain(found: Found) -> dict[str, Any]:
+    return {name: value for name, (value, _) in found.items()}
+
+
+def _check_model(source: Source, info: Info) -> None:
+    model = str(info.message.distortion_model)
+    if model not in _BROWN:
+        raise source.wrong(f"{info.topic}.distortion_model", model, "plumb_bob, or topics of rectified images")
+
+
+def _is_raw(source: Source, info: Info) -> bool:
+    K, P = source.matrix(f"{info.topic}.K", 3, 3), source.matrix(f"{info.topic}.P", 3, 4)
+    turn = np.abs(source.matrix(f"{info.topic}.R", 3, 3) - np.eye(3)).max()
+    return bool(any(info.field("D")) or turn > _TURNED or np.abs(K - P[:, :3]).max() > _SAME)
+
+
+def _raw_rig(source: Source, left: Info, right: Info, baseline: float) -> RawRig:
+    """x_rectified = R x in both cameras, which differ by the baseline only."""
+    R_left, R_right = (rotation(source, f"{info.topic}.R") for info in (left, right))
+    T = motion(R_right.T @ R_left, (R_right.T @ (-baseline, 0, 0)).tolist())
+    rows = [(float(a), float(b), float(c), float(d)) for a, b, c, d in T.tolist()]
+    return RawRig(_camera(source, left), _camera(source, right), tuple(rows))
+
+
+def _camera(source: Source, info: Info) -> Camera:
+    lens = distortion(source, f"{info.topic}.D", *OPENCV_COUNTS) if info.field("D") else {}
+    k1, k2, p1, p2, k3 = (lens[name][0] if name in lens else 0.0 for name in DISTORTION)
+    pinhole = _plain(from_camera_matrix(source, f"{info.topic}.K"))
+    size = {"width": int(info.message.width), "height": int(info.message.height)}
+    return Camera(**pinhole, **size, distortion=(k1, k2, p1, p2, k3))
+
+
+def image_of(message: Any, kind: str) -> Image:
+    """Return the pixels of an image message, grey or RGB; the InputError says what is wrong, not where."""
+    return _compressed(message) if kind == COMPRESSED else _raw(message)
+
+
+def _raw(message: Any) -> Image:
+    encoding = str(message.encoding)
+    if encoding not in _ENCODINGS:
+        raise InputError(f"has the encoding {encoding[:40]!r}, not one of {', '.join(_ENCODINGS)}")
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    _check_size((width, height))
+    kind, count, channels = _ENCODINGS[encoding]
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    used = width * count * dtype.itemsize
+    if step < used or message.data.size != step * height:
+        said = f"{message.data.size} bytes of data and a step of {step}"
+        raise InputError(f"has {said}, where {width} x {height} px of {encoding} go with a step of at least {used}")
+    rows = np.ascontiguousarray(message.data.reshape(height, step)[:, :used]).view(dtype)
+    if count == 1:
+        return rows.astype(dtype.newbyteorder("="))
+    return np.ascontiguousarray(rows.reshape(height, width, count)[..., channels])
+
+
+def _compressed(message: Any) -> Image:
+    before, _, after = str(message.format).partition("compressed")
+    if "bayer" in (after.strip() or before):
+        raise InputError(f"has the format {message.format[:40]!r}: a Bayer mosaic, not grey or colour")
+    handle = io.BytesIO(message.data.tobytes())
+    try:
+        _check_png(handle)
+        with _quiet():
+            image = _open_header(handle)
+        if image.format not in ("JPEG", "PNG"):
+            raise InputError(f"is a {image.format}, not a JPEG or PNG")
+        _check_size(image.size)
+        image.load()
+        return _pixels(image)
+    except _DECODER_ERRORS as error:
+        raise InputError(f"cannot be decoded ({reason_of(error)})") from error

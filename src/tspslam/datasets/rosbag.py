@@ -1,0 +1,223 @@
+"""Stereo images in bags of ROS 1 and ROS 2."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import threading
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .._files import PathLike, bad_input, one_line, open_input, reason_of
+from ..errors import InputError
+from ..types import FloatArray, RawRig, Rig, StereoPair
+from ..vision.rectify import Rectification, rectification
+from ..vision.rig import check_pair
+from ._pairing import NANOSECONDS, checked_index, name_of, pair_by_stamp, path_of, some
+from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, cameras, image_of, info_topic, is_rectified, sides
+
+_LARGEST_BAG = 1 << 50  # bytes
+_BAG = "a whole bag of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap, .db3)"
+_IMAGE = "a whole sensor_msgs/Image or CompressedImage"
+_MISSING = "the library rosbags: pip install tspslam[ros]"
+Times = dict[int, int]
+"""When each message was recorded (ns), by the stamp of its header (ns)."""
+
+
+class RosbagSequence:
+    """Stereo images of a bag of ROS 1 or ROS 2, with their stamps; raw pairs are rectified.
+
+    Needs the library rosbags (``pip install tspslam[ros]``), not ROS. Topics are of ``sensor_msgs/Image`` (grey or
+    RGB of 8 bits, grey of 16) or ``CompressedImage`` (JPEG, PNG), each with a ``CameraInfo`` beside it. Images are
+    taken as rectified if the topic's name says ``rect``, or if the camera info leaves nothing to rectify. Left and
+    right images are paired by the stamps of their headers: the same one, else the nearest to each other within a
+    quarter of the median interval between left images. The bag is read through once when it is opened, then an image
+    at a time.
+
+    Parameters
+    ----------
+    path : str or path
+        A ``.bag`` file of ROS 1; a folder with ``metadata.yaml``, a ``.mcap`` or a ``.db3`` file of ROS 2.
+    left, right : str, optional
+        Topics of the images. By default the two whose names differ only in left and right, cam0 and cam1, infra1 and
+        infra2 or image_0 and image_1; rectified images go before raw ones, uncompressed before compressed ones.
+
+    Attributes
+    ----------
+    rig : Rig
+        The cameras of the rectified pairs.
+    stamps : (n,) float64
+        Times of the left images, s.
+    topics : tuple of 2 str
+        Topics of the left and the right images.
+    unpaired : list of str
+        Images without a partner, or with the stamp of one before, as ``topic/nanoseconds``.
+
+    Raises
+    ------
+    InputError
+        If the library or a part is missing, the bag is damaged, the topics cannot be told, the cameras are not of a
+        rectified pair or of lenses with Brown's distortion (``plumb_bob``), or no pair is found.
+
+    Examples
+    --------
+    >>> RosbagSequence("no-such.bag")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: no-such.bag: cannot be opened (No such file or directory); expected a whole bag of ...
+    """
+
+    rig: Rig
+    stamps: FloatArray
+    topics: tuple[str, str]
+    unpaired: list[str]
+
+    def __init__(self, path: PathLike, *, left: str | None = None, right: str | None = None) -> None:
+        self.path = path_of(path)
+        self._bag = _Bag(self.path)
+        kinds = self._bag.kinds
+        self.topics = sides(self.path, {t: k for t, k in kinds.items() if k != CAMERA_INFO}, left, right)
+        one, other = (self._bag.info(info_topic(self.path, topic, kinds[topic], kinds)) for topic in self.topics)
+        self._rectify, self.rig = _made(self.path, cameras(self.path, one, other, all(map(is_rectified, self.topics))))
+        indexed = [self._bag.indexed(topic) for topic in self.topics]
+        self._times = [times for times, _ in indexed]
+        files = [{stamp: Path(str(stamp)) for stamp in times} for times in self._times]
+        paired = some(pair_by_stamp(files[0], files[1], self.topics), self.path, "images with stamps in common")
+        self._pairs = [(int(first.name), int(second.name)) for first, second in paired.files]
+        self.stamps = paired.stamps
+        self.unpaired = paired.unpaired + [each for _, again in indexed for each in again]
+
+    @property
+    def name(self) -> str:
+        """Name of the folder, or of the file without its suffix."""
+        return name_of(self.path.resolve().with_suffix("")) if os.path.isfile(self.path) else name_of(self.path)
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end, InputError if a message is bad."""
+        index = checked_index(index, len(self))
+        stamps = self._pairs[index]
+        read = zip(self.topics, stamps, self._times, strict=True)
+        left, right = (self._bag.image(topic, stamp, times[stamp]) for topic, stamp, times in read)
+        try:
+            if self._rectify:
+                left, right = self._rectify(left, right)
+            pair = StereoPair(left, right, self.rig, float(self.stamps[index]), index, str(stamps[0]))
+            check_pair(pair)
+        except InputError as error:
+            raise InputError(one_line(f"{self.path}: {error}")) from error
+        return pair
+
+    def __iter__(self) -> Iterator[StereoPair]:
+        """Read one pair after another."""
+        return (self[index] for index in range(len(self)))
+
+
+class _Bag:
+    """An open bag: its topics with images and camera infos, and their messages one by one."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = threading.Lock()
+        self._reader = _opened(path)
+        weakref.finalize(self, self._reader.close)
+        self._connections: dict[str, list[Any]] = {}
+        for each in self._reader.connections:
+            if each.msgtype in (IMAGE, COMPRESSED, CAMERA_INFO) and each.msgcount:
+                self._connections.setdefault(each.topic, []).append(each)
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Type of the messages of each topic that has some."""
+        depth = "compressedDepth"  # has a header of its own before the image
+        return {topic: each[0].msgtype for topic, each in self._connections.items() if not topic.endswith(depth)}
+
+    def info(self, topic: str) -> Info:
+        """First message of a topic with camera infos."""
+        with self._lock, _guarded(self.path):
+            for connection, _, data in self._reader.messages(self._connections[topic]):
+                return Info(topic, self._reader.deserialize(data, connection.msgtype))
+        raise bad_input(self.path, f"has no message on {topic}, though it counts some", _BAG)
+
+    def indexed(self, topic: str) -> tuple[Times, list[str]]:
+        """When the image of each stamp was recorded, and the names of those whose stamp was there before."""
+        times: Times = {}
+        again: list[str] = []
+        with self._lock, _guarded(self.path):
+            for _, time, data in self._reader.messages(self._connections[topic]):
+                stamp = self._stamp(topic, data)
+                if stamp in times:
+                    again.append(one_line(f"{topic}/{stamp}"))
+                times.setdefault(stamp, time)
+        if set(times) == {0}:
+            raise bad_input(self.path, f"all stamps on {topic} are 0", "times in the headers of the images")
+        return times, again
+
+    def image(self, topic: str, stamp: int, time: int) -> Any:
+        """Read the image of a stamp that was recorded at a time."""
+        with self._lock, _guarded(self.path):
+            kind = self.kinds[topic]
+            message = self._reader.deserialize(self._message(topic, stamp, time), kind)
+            try:
+                return image_of(message, kind)
+            except InputError as error:
+                raise bad_input(self.path, f"the image on {topic} at {stamp} ns {error}", _IMAGE) from error
+
+    def _message(self, topic: str, stamp: int, time: int) -> bytes:
+        for _, _, data in self._reader.messages(self._connections[topic], start=time, stop=time + 1):
+            if self._stamp(topic, data) == stamp:
+                return bytes(data)
+        raise bad_input(self.path, f"the image on {topic} at {stamp} ns is gone", "a bag that nothing changes")
+
+    def _stamp(self, topic: str, data: bytes) -> int:
+        """Stamp (ns) of the header that a message begins with."""
+        try:
+            if self._reader.is2:  # four bytes tell the order of the others
+                seconds, rest = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+            else:  # a counter goes before
+                seconds, rest = struct.unpack_from("<II", data, 4)
+        except (struct.error, IndexError) as error:
+            raise bad_input(self.path, f"a message on {topic} has {len(data)} bytes", _IMAGE) from error
+        if seconds < 0 or rest >= NANOSECONDS:
+            raise bad_input(self.path, f"a message on {topic} has the stamp {seconds} s {rest} ns", "a time after 1970")
+        return int(seconds * NANOSECONDS + rest)
+
+
+def _opened(path: Path) -> Any:
+    """Open a bag with rosbags."""
+    if not os.path.isdir(path):
+        open_input(path, _BAG, _LARGEST_BAG).close()
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise bad_input(path, f"cannot be read ({reason_of(error)})", _MISSING) from error
+    with _guarded(path):  # older bags of ROS 2 do not define their messages
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+        return reader
+
+
+@contextlib.contextmanager
+def _guarded(path: Path) -> Iterator[None]:
+    """Turn what rosbags, and the libraries below it, raise at damaged bags (anything) into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise bad_input(path, f"cannot be read ({reason_of(error)})", _BAG) from error
+
+
+def _made(path: Path, given: Rig | RawRig) -> tuple[Rectification | None, Rig]:
+    if isinstance(given, Rig):
+        return None, given
+    try:
+        made = rectification(given)
+    except InputError as error:
+        raise type(error)(one_line(f"{path}: {error}")) from error
+    return made, made.rig
