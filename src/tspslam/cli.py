@@ -378,12 +378,12 @@ def _finish(result: RunResult, as_json: bool) -> None:
         _say(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
     else:
         sizes = run["complex"]
-        _say(f"{run['status']}: {run['frames']} frame(s); the first has {sizes['n']} points, "
-                   f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
+        _say(f"{run['status']}: {run['frames']} frame(s), {run.get('keyframes', 1)} keyframe(s); {sizes['n']} points, "
+             f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
         _say(f"pictures: {folder / 'pictures'}\nreport:   {folder / 'report.html'}\nmap:      {folder / 'map.vtu'}")
     if result.is_degraded:
         raise typer.Exit(DEGRADED)
 
 
 def _defined(run: dict[str, Any]) -> int:
-    return int(run["per_frame"][0]["defined"] if "per_frame" in run else run["defined"])
+    return int(sum(row.get("defined", 0) for row in run["per_frame"]) if "per_frame" in run else run["defined"])

@@ -6,7 +6,7 @@ import io
 import itertools
 import json
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
@@ -17,8 +17,10 @@ from .merging import merged
 from .records import Row, frame_row, hash_of, pair_hash
 from .session import Frame, Session
 from .types import Image, Rig, StereoPair, Trajectory
+from .vision._stopwatch import Stopwatch
 
 STATE_NAME = "state.npz"
+_BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
 
 
@@ -66,6 +68,7 @@ class Journey:
         self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
         self.rows: list[Row] = []
         self.last_error: InputError | None = None
+        self._writing: list[Future[None]] = []
         self._resume()
         self._saved = len(self.rows)
 
@@ -88,12 +91,13 @@ class Journey:
 
     def proceed(self) -> Iterator[tuple[int, int]]:
         """Process one pair after another, the next one read meanwhile: (pairs done, index)."""
-        for index, pair in self._read(self.wanted[len(self.rows) :]):
-            self.rows.append(self._process(index, pair))
-            done = len(self.rows)
-            if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
-                self._save()
-            yield done, index
+        with ThreadPoolExecutor(1) as self._writer:
+            for index, pair in self._read(self.wanted[len(self.rows) :]):
+                self.rows.append(self._process(index, pair))
+                done = len(self.rows)
+                if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
+                    self._save()
+                yield done, index
 
     def _read(self, wanted: range) -> Iterator[tuple[int, StereoPair | InputError]]:
         """Pairs, or why they cannot be read."""
@@ -129,24 +133,37 @@ class Journey:
             return {"index": index, "input_hash": key, "skipped": str(error)}
 
     def _store(self, frame: Frame, key: str) -> Row:
-        """Write a frame and its numbers, unless an earlier run did; a lost one that shows nothing has no file."""
-        path = self.folder.frame_path(frame.index)
+        """Have a frame and its numbers written, unless an earlier run did; a lost one that shows nothing has no file."""
         try:
             row = frame_row(frame, key, with_complex=True)
         except InputError:
             if frame.is_keyframe:
                 raise
             return frame_row(frame, key)
+        self._wait_for_writing(_BACKLOG)
+        self._writing.append(self._writer.submit(self._write, frame, row, key))
+        return row | {"seconds": frame.seconds}
+
+    def _write(self, frame: Frame, row: Row, key: str) -> None:
+        """Write a frame and its numbers, while the next one is processed."""
+        path, watch = self.folder.frame_path(frame.index), Stopwatch()
         if not self.folder.is_done(path, input_hash=key):
             write_frame(path, frame)
             self.folder.record(path, input_hash=key)
         numbers = path.with_suffix(".json")
         write_bytes(numbers, (json.dumps(row, indent=1, allow_nan=False) + "\n").encode())
         self.folder.record(numbers, input_hash=key)
-        return row | {"seconds": frame.seconds}
+        watch.lap("write")
+        frame.seconds |= watch.seconds
+
+    def _wait_for_writing(self, left: int) -> None:
+        """Wait until no more than so many frames are still to be written; what went wrong with them is raised."""
+        while len(self._writing) > left:
+            self._writing.pop(0).result()
 
     def _save(self) -> None:
         """Write a checkpoint: all that the next frame depends on."""
+        self._wait_for_writing(0)
         plain = [{name: value for name, value in row.items() if name != "seconds"} for row in self.rows]
         text = np.frombuffer(json.dumps(plain, allow_nan=False).encode(), np.uint8)
         buffer, path = io.BytesIO(), self.folder.path / STATE_NAME

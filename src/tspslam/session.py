@@ -76,7 +76,7 @@ class Frame:
 
     def __init__(self, pair: StereoPair, tracked: Tracked, settings: Settings) -> None:
         self.pair, self.tracked, self.settings = pair, tracked, settings
-        self.seconds: dict[str, float] = {}
+        self.seconds = dict(tracked.seconds)
 
     @property
     def T_world_camera(self) -> FloatArray:
@@ -223,9 +223,7 @@ class Session:
         """
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
-        started = time.perf_counter()
         frame = Frame(pair, self.odometry.process(pair), self.settings)
-        frame.seconds["tracking"] = time.perf_counter() - started
         if frame.is_keyframe or self.settings.tracking.every_frame:
             _ = frame.response  # and all that it rests on
         return frame

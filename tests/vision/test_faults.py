@@ -95,7 +95,7 @@ def test_frames_out_of_order_are_skipped_and_doubles_are_one_moment(walk, tmp_pa
     order = [0, 1, 2, 3, 3, 4, 2, 5, 6, 7, 8]
     result = driven(Edited(walk, lambda k, pair: pair, order), tmp_path / "run")
     assert (result["status"], result["frames"], result["tracked"]) == ("degraded", 11, 10)
-    assert [w["message"] for w in result["warnings"] if w["code"] == "frame_skipped"][0].startswith("frame 6: ")
+    assert next(w["message"] for w in result["warnings"] if w["code"] == "frame_skipped").startswith("frame 6: ")
     assert path_error(tmp_path / "run", walk, range(9)) < 0.01
 
 

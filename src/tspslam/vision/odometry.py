@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..types import FloatArray, Image, Rig, StereoPair, Trajectory
+from ._stopwatch import Stopwatch
 from .bundle import Adjustment
 from .dense import checked_map, sample_map
 from .features import check_ranges, grey_levels
@@ -90,6 +91,8 @@ class Tracked:
         Whether too few landmarks were found: the pose is that of a steady motion.
     stereo : Stereo or None
         What both images show, where that was looked for.
+    seconds : dict
+        Time of following, of the points of a keyframe, and of waiting for an adjustment, s; varies from run to run.
     """
 
     T_world_camera: FloatArray
@@ -98,6 +101,7 @@ class Tracked:
     is_keyframe: bool
     is_lost: bool
     stereo: Stereo | None
+    seconds: dict[str, float]
 
 
 class Odometry:
@@ -160,6 +164,7 @@ class Odometry:
         self._anchors: list[tuple[int, FloatArray]] = []  # place of the keyframe, T_keyframe_camera
         self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
         self.unsolved = 0
+        self._watch = Stopwatch()
         self._worker = ThreadPoolExecutor(1)
         self._asked: Future[Adjustment] | None = None
 
@@ -218,27 +223,31 @@ class Odometry:
             If the first pair shows too little texture for three points.
         """
         self._check(pair)
+        self._watch = Stopwatch()
         image = pyramid(pair.left)
         if not self.map.keyframes:
             return self._begin(pair, image)
         if self._asked and len(self._stamps) >= self.map.keyframes[-1].index + _JOINED:
             self._join()
+        self._watch.lap("wait")
         fix = self._locate(pair, image)
+        self._watch.lap("follow")
         pose = self._ahead(pair.stamp) if fix is None else fix.T_world_camera
         self._motion, self._pose = normalised(inverse(self._pose) @ pose), pose
         self._lost = self._lost + 1 if fix is None else 0
         stereo = self._grow(pair, image, fix) if self._wants_keyframe(fix) else None
         self._remember(pair.stamp)
-        if fix is None:
-            return Tracked(self._pose, np.full((6, 6), np.inf), 0, stereo is not None, True, stereo)
-        return Tracked(self._pose, fix.covariance, len(fix), stereo is not None, False, stereo)
+        covariance, matches = (np.full((6, 6), np.inf), 0) if fix is None else (fix.covariance, len(fix))
+        is_keyframe = stereo is not None
+        return Tracked(self._pose, covariance, matches, is_keyframe, fix is None, stereo, self._watch.seconds)
 
     def _begin(self, pair: StereoPair, image: Pyramid) -> Tracked:
         """Make the first frame the first keyframe."""
         stereo = see(pair, self._detect, self._match)
+        self._watch.lap("points")
         self._add(image, None, stereo)
         self._remember(pair.stamp)
-        return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo)
+        return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo, self._watch.seconds)
 
     def _locate(self, pair: StereoPair, image: Pyramid) -> Fix | None:
         """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
@@ -288,10 +297,12 @@ class Odometry:
     def _grow(self, pair: StereoPair, image: Pyramid, fix: Fix | None) -> Stereo | None:
         """Make a frame a keyframe, if its images show enough, and have the last ones adjusted."""
         self._join()
+        self._watch.lap("wait")
         try:
             stereo = see(pair, self._detect, self._match)
         except GeometryError:
             return None
+        self._watch.lap("points")
         if np.isfinite(stereo.disparity).sum() < LEAST_MATCHES:
             return None
         self._add(image, fix, stereo)
