@@ -67,7 +67,7 @@ def write_path_picture(errors: PathErrors, path: str | Path) -> None:
 
 
 def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path) -> None:
-    """Draw a camera's path and the points of its map from the side that shows most of the path, as PNG.
+    """Draw a camera's path and the points of its map, over the longest axis of the path and the widest other, as PNG.
 
     Parameters
     ----------
@@ -83,12 +83,13 @@ def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path)
     OutputError
         If it cannot be written.
     """
-    figure = Figure(figsize=(9, 7), dpi=110, layout="constrained")
+    figure = Figure(figsize=(10, 6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()
-    a, b = sorted(np.argsort(-np.ptp(positions, axis=0), kind="stable")[:2].tolist())
     away = np.linalg.norm(xyz - np.median(positions, axis=0), axis=1)
     near = xyz[away <= np.quantile(away, 0.9)]
+    a = int(np.argmax(np.ptp(positions, axis=0)))
+    b = max((axis for axis in range(3) if axis != a), key=lambda axis: float(near[:, axis].std()))
     ax.scatter(near[:, a], near[:, b], s=0.4, c="#8a94a0", linewidths=0, rasterized=True, label="points of keyframes")
     ax.plot(positions[:, a], positions[:, b], color=_ESTIMATED, lw=1.6, label="camera")
     ax.plot(*positions[0, [a, b]], "o", color=_TRUE, ms=5, label="start")
