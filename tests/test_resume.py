@@ -125,6 +125,14 @@ def test_a_damaged_checkpoint_does_not_count(folder, whole, tmp_path):
     assert content(tmp_path / "run") == content(whole[0])
 
 
+def test_a_checkpoint_of_another_version_does_not_count(folder, whole, tmp_path, monkeypatch):
+    shutil.copytree(whole[0], tmp_path / "run")
+    monkeypatch.setattr("tspslam.journey._MADE_BY", b"another")
+    seen = []
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS), progress=lambda *a: seen.append(a))
+    assert len(seen) == len(open_sequence(folder))
+
+
 def test_a_second_run_in_the_same_folder_is_refused(folder, tmp_path):
     config = resolve(assignments=SETTINGS)
     settings = config.nested | {"source": {"name": "walk", "frames": None}}

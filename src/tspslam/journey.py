@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from . import __version__
 from .errors import InputError
 from .io import RunFolder, StoredFrame, read_frame, write_bytes, write_frame
 from .merging import merged
@@ -18,8 +19,10 @@ from .records import Row, frame_row, hash_of, pair_hash
 from .session import Frame, Session
 from .types import Image, Rig, StereoPair, Trajectory
 from .vision._stopwatch import Stopwatch
+from .vision.rig import check_pair
 
 STATE_NAME = "state.npz"
+_MADE_BY = f"tspslam {__version__}, state 1".encode()  # others' checkpoints do not count
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
 
@@ -113,9 +116,11 @@ class Journey:
 
     def _one(self, index: int) -> StereoPair | InputError:
         try:
-            return self.source[index]
+            pair = self.source[index]
+            check_pair(pair)
         except InputError as error:
             return error
+        return pair
 
     def _process(self, index: int, pair: StereoPair | InputError) -> Row:
         """Row of one pair; its frame goes to the folder if it carries a complex."""
@@ -133,7 +138,7 @@ class Journey:
             return {"index": index, "input_hash": key, "skipped": str(error)}
 
     def _store(self, frame: Frame, key: str) -> Row:
-        """Have a frame and its numbers written, unless an earlier run did; a lost one that shows nothing has no file."""
+        """Have a frame and its numbers written, unless that is done; a lost one that shows nothing has no file."""
         try:
             row = frame_row(frame, key, with_complex=True)
         except InputError:
@@ -167,7 +172,8 @@ class Journey:
         plain = [{name: value for name, value in row.items() if name != "seconds"} for row in self.rows]
         text = np.frombuffer(json.dumps(plain, allow_nan=False).encode(), np.uint8)
         buffer, path = io.BytesIO(), self.folder.path / STATE_NAME
-        np.savez(buffer, allow_pickle=False, rows=text, **self.session.odometry.state())
+        made_by = np.frombuffer(_MADE_BY, np.uint8)
+        np.savez(buffer, allow_pickle=False, made_by=made_by, rows=text, **self.session.odometry.state())
         write_bytes(path, buffer.getvalue())
         self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
         self._saved = len(self.rows)
@@ -179,6 +185,8 @@ class Journey:
             return
         with np.load(path, allow_pickle=False) as archive:
             state = {name: archive[name] for name in archive.files}
+        if state.pop("made_by", np.empty(0)).tobytes() != _MADE_BY:
+            return
         rows = json.loads(state.pop("rows").tobytes())
         if len(rows) <= len(self.wanted) and all(map(self._is_as_before, self.wanted, rows)):
             self.rows = rows

@@ -131,6 +131,12 @@ def _troubles(rows: list[Row], odometry: Odometry) -> Iterator[Warning_]:
             "their poses are those of a steady motion"
         )
         yield {"code": "tracking_lost", "message": message}
+    stamps = [row["stamp"] for row in rows if "stamp" in row]
+    if len(set(stamps)) < len(stamps):
+        message = (
+            f"{len(stamps) - len(set(stamps))} frames have the stamp of the one before and no line in the trajectory"
+        )
+        yield {"code": "equal_stamps", "message": message}
     if odometry.unsolved:
         message = f"{odometry.unsolved} adjustments of the map had no solution"
         yield {"code": "adjustment", "message": message}

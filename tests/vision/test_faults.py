@@ -96,7 +96,37 @@ def test_frames_out_of_order_are_skipped_and_doubles_are_one_moment(walk, tmp_pa
     result = driven(Edited(walk, lambda k, pair: pair, order), tmp_path / "run")
     assert (result["status"], result["frames"], result["tracked"]) == ("degraded", 11, 10)
     assert next(w["message"] for w in result["warnings"] if w["code"] == "frame_skipped").startswith("frame 6: ")
+    assert "1 frames have the stamp of the one before" in str(result["warnings"])
     assert path_error(tmp_path / "run", walk, range(9)) < 0.01
+
+
+@pytest.mark.parametrize("stamp", [float("nan"), float("inf"), "noon"])
+def test_a_stamp_that_is_no_time_is_skipped(walk, tmp_path, stamp):
+    result = driven(
+        Edited(walk, lambda k, pair: replace(pair, stamp=stamp) if k == 2 else pair, range(5)), tmp_path / "r"
+    )
+    assert (result["status"], result["tracked"]) == ("degraded", 4)
+    assert "expected seconds" in result["warnings"][0]["message"]
+
+
+def test_black_frames_to_the_end_leave_the_run_degraded(walk, tmp_path):
+    result = driven(Edited(walk, lambda k, pair: black(pair) if k > 4 else pair, range(12)), tmp_path / "run")
+    assert (result["status"], result["frames"], result["tracked"]) == ("degraded", 12, 5)
+
+
+def test_pictures_without_a_world_behind_them_are_lost(walk, tmp_path):
+    def noise(k, pair):
+        image = np.random.default_rng(k).integers(0, 255, pair.left.shape).astype(np.uint8)
+        return replace(pair, left=image, right=np.roll(image, -9, axis=1))
+
+    assert driven(Edited(walk, noise, range(6)), tmp_path / "run")["status"] == "degraded"
+
+
+def test_nothing_to_finish_is_fine(walk):
+    odometry = Odometry(walk.rig)
+    odometry.finish()
+    assert len(odometry.trajectory) == 0
+    assert odometry.disparity_offset == (0.0, pytest.approx(0.3))
 
 
 def test_a_jump_in_time_is_bridged(walk, tmp_path):

@@ -205,6 +205,8 @@ class Odometry:
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         self._join()
+        if not self.map.keyframes:
+            return
         before = self._last_pose()
         try:
             self.map.adjust_whole()

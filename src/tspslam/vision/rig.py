@@ -192,7 +192,8 @@ def check_pair(pair: StereoPair) -> None:
     Parameters
     ----------
     pair : StereoPair
-        Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says.
+        Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says; a finite
+        stamp.
 
     Raises
     ------
@@ -204,6 +205,8 @@ def check_pair(pair: StereoPair) -> None:
     >>> rig = Rig(fx=500, fy=500, cx=32, cy=24, baseline=0.1, width=64, height=48)
     >>> check_pair(StereoPair(np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8), rig))
     """
+    if not isinstance(pair.stamp, int | float | np.number) or not np.isfinite(pair.stamp):
+        raise InputError(f"{pair.name}: its stamp is {repr(pair.stamp)[:40]}, expected seconds")
     for side, image in (("left", pair.left), ("right", pair.right)):
         check_image(f"{pair.name}: {side} image", image)
     left, right = pair.left, pair.right
