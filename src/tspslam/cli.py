@@ -46,7 +46,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 @app.command("run")
 def run_command(
     source: Annotated[
-        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder with left/ right/.")
+        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, .npy).")] = None,

@@ -1,13 +1,17 @@
 """Bags of ROS 1 and ROS 2, written with the writers of rosbags: pairs, stamps, rigs, and what is wrong with bad ones."""
 
+import gc
 import io
+import os
 import shutil
 import sqlite3
 import struct
 import sys
+import tempfile
 import threading
 import zlib
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -221,6 +225,16 @@ def test_every_encoding_gives_its_pixels(encoding, big, pad):
     np.testing.assert_array_equal(read, pixels[wanted])
 
 
+@pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
+def test_a_bayer_mosaic_becomes_colour(order):
+    colour = np.array([200, 90, 20], np.uint8)
+    mosaic = np.zeros((8, 10), np.uint8)
+    for k, letter in enumerate(order):
+        mosaic[k // 2 :: 2, k % 2 :: 2] = colour["rgb".index(letter)]
+    read = _ros.image_of(raw_image(KINDS["ros1"], START, mosaic, f"bayer_{order}8", step=13), _ros.IMAGE)
+    np.testing.assert_array_equal(read, np.broadcast_to(colour, (8, 10, 3)))
+
+
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_compressed_images_are_decoded(tmp_path, pairs, kind):
     ros = KINDS[kind]
@@ -260,7 +274,8 @@ def held(data, said="jpeg"):
 
 
 BAD_IMAGES = {
-    "has the encoding 'bayer_rggb8'": said(encoding="bayer_rggb8"),
+    "has the encoding 'bayer_rggb16'": said(encoding="bayer_rggb16"),
+    "is a Bayer mosaic of 6 x 2 px": said(encoding="bayer_rggb8", height=2, data=np.zeros(12, np.uint8)),
     "has the encoding ''": said(encoding=""),
     "is 0 x 4 px": said(width=0),
     "is 40000 x 4 px": said(width=40_000, step=40_000),
@@ -307,7 +322,7 @@ def test_pairs_are_found_by_stamps_of_headers_never_by_position(tmp_path, pairs)
     ros = KINDS["ros1"]
     topics = drive(ros, pairs, late=STEP // 5)
     del topics[RIGHT][1]
-    topics[LEFT] = [(START + 9 * STEP - k, each) for k, each in enumerate(topics[LEFT])]  # recorded backwards
+    topics[LEFT] = [(START + 9 * STEP + k, each) for k, each in enumerate(topics[LEFT])]  # recorded after all others
     sequence = RosbagSequence(write(tmp_path / ros.name, ros, topics))
     assert sequence.unpaired == [f"{LEFT}/{START + STEP}"]
     assert [pair.name for pair in sequence] == [str(START), str(START + 2 * STEP)]
@@ -319,6 +334,19 @@ def test_pairs_are_found_by_stamps_of_headers_never_by_position(tmp_path, pairs)
 def test_stamps_too_far_apart_are_no_pairs(tmp_path, pairs):
     path = write(tmp_path / "a.bag", KINDS["ros1"], drive(KINDS["ros1"], pairs, late=STEP // 3))
     one_line_error(lambda: RosbagSequence(path), "has no pair of images (6 without partner or stamp)")
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+@pytest.mark.parametrize("topic", [LEFT, RIGHT])
+def test_stamps_that_go_back_or_lie_too_far_apart_are_refused(tmp_path, pairs, kind, topic):
+    ros = KINDS[kind]
+    topics = drive(ros, pairs)
+    topics[topic] = [topics[topic][k] for k in (1, 0, 2)]
+    path = write(tmp_path / ros.name, ros, topics)
+    line = one_line_error(lambda: RosbagSequence(path), "expected stamps in nanoseconds that increase")
+    assert line.startswith(f"{path}: {topic}: stamp 2 is 1700000000.123456717 s, that before it 1700000000.173456")
+    topics[topic] = [raw_image(ros, START + k * 61 * 10**9, pair.left) for k, pair in enumerate(pairs)]
+    one_line_error(lambda: RosbagSequence(write(tmp_path / f"far{ros.name}", ros, topics)), "61 s apart in the median")
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
@@ -354,6 +382,8 @@ NAMES = {
     (*RAW, LEFT, RIGHT): (LEFT, RIGHT),
     (LEFT, RIGHT, f"{LEFT}/compressed", f"{RIGHT}/compressed"): (LEFT, RIGHT),
     (*RAW, f"{LEFT}/compressed", f"{RIGHT}/compressed"): (f"{LEFT}/compressed", f"{RIGHT}/compressed"),
+    ("/camera0/image", "/camera1/image", "/camera2/image"): ("/camera0/image", "/camera1/image"),
+    ("/kitti/image_00", "/kitti/image_01"): ("/kitti/image_00", "/kitti/image_01"),
     ("/direct/left", "/direct/right", "/unrect/left", "/rect/right"): ("/direct/left", "/direct/right"),
 }
 
@@ -365,6 +395,18 @@ def typed(topics):
 @pytest.mark.parametrize("topics", NAMES)
 def test_topics_are_found_by_their_names(tmp_path, topics):
     assert _ros.sides(tmp_path, typed(topics), None, None) == NAMES[topics]
+
+
+def test_topics_with_camera_infos_go_before_those_without(tmp_path, pairs):
+    ros = KINDS["ros1"]
+    bare = "/debug/left/image_rect", "/debug/right/image_rect"
+    extra = {topic: [raw_image(ros, START, pairs[0].left)] for topic in bare}
+    path = write(tmp_path / "a.bag", ros, drive(ros, pairs, RAW) | extra)
+    assert RosbagSequence(path).topics == RAW
+    places = "/debug/left/camera_info or /debug/left/image_rect/camera_info"
+    one_line_error(
+        lambda: RosbagSequence(path, left=bare[0]), f"has no CameraInfo of {bare[0]}; expected one on {places}"
+    )
 
 
 def test_topics_that_cannot_be_told_are_listed(tmp_path, pairs):
@@ -574,9 +616,43 @@ def test_the_layout_is_told_from_the_name_or_the_folder(tmp_path, pairs):
     assert "RosbagSequence" in datasets.__all__
 
 
-def test_threads_read_one_sequence(tmp_path, pairs):
-    ros = KINDS["ros1-lz4"]
-    sequence = RosbagSequence(write(tmp_path / "a.bag", ros, drive(ros, pairs)))
+def opened(folder):
+    """Files of a folder that this process has open."""
+    links = [link for link in Path("/proc/self/fd").iterdir() if link.is_symlink()]
+    return [file for file in (os.path.realpath(link) for link in links) if file.startswith(str(folder.resolve()))]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_is_closed_with_its_sequence(tmp_path, pairs, kind, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # of what rosbags unpacks
+    ros = KINDS[kind]
+    sequence = RosbagSequence(write(tmp_path / ros.name, ros, drive(ros, pairs)))
+    pair, reader, before = sequence[0], sequence._bag._reader, sorted(tmp_path.rglob("*"))
+    del sequence
+    gc.collect()
+    assert reader.stack is None
+    assert pair.left.tobytes() == pairs[0].left.tobytes()
+    assert len(before) - len(list(tmp_path.rglob("*"))) == (2 if kind == "sqlite3-zstd" else 0)
+    if Path("/proc/self/fd").is_dir():
+        assert opened(tmp_path) == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="open files are counted in /proc")
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_a_bag_that_is_refused_is_closed(tmp_path, pairs, kind):
+    ros = KINDS[kind]
+    topics = drive(ros, pairs)
+    del topics["/stereo/right/camera_info"]
+    path = write(tmp_path / ros.name, ros, topics)
+    one_line_error(lambda: RosbagSequence(path), "has no CameraInfo")
+    gc.collect()
+    assert opened(tmp_path) == []
+
+
+@pytest.mark.parametrize("kind", ["ros1-lz4", "sqlite3", "mcap"])
+def test_threads_read_one_sequence(tmp_path, pairs, kind):
+    ros = KINDS[kind]
+    sequence = RosbagSequence(write(tmp_path / ros.name, ros, drive(ros, pairs)))
     right = []
 
     def read(seed):

@@ -23,7 +23,14 @@ from ..vision.formats._values import DISTORTION, OPENCV_COUNTS, Found, distortio
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-_SIDES = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_0", "image_1"))
+_SIDES = (
+    ("left", "right"),
+    ("cam0", "cam1"),
+    ("camera0", "camera1"),
+    ("infra1", "infra2"),
+    ("image_0", "image_1"),
+    ("image_00", "image_01"),
+)
 _RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")
 _MOST_LISTED = 20
 _FILES = (".bag", ".mcap", ".db3")
@@ -31,6 +38,7 @@ _STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
 _BROWN = ("plumb_bob", "rational_polynomial", "")  # the second one is Brown's where k4, k5 and k6 are 0
 _TURNED = 1e-6  # of R against no rotation
 _SAME = 1e-3  # px, of K against P
+_SMALLEST_MOSAIC = 3  # px a side
 _GREY, _RGB, _BGR = (0,), (0, 1, 2), (2, 1, 0)
 _ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
     "mono8": ("u1", 1, _GREY),
@@ -43,6 +51,9 @@ _ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
     "bgra8": ("u1", 4, _BGR),
 }
 """For each encoding: type of a value, values of a pixel, and which of them are grey or R, G, B."""
+_MOSAICS = {f"bayer_{order}8": f"COLOR_Bayer{order.upper()}2RGB" for order in ("rggb", "bggr", "gbrg", "grbg")}
+"""For each encoding of a Bayer mosaic: OpenCV's name of what makes it RGB."""
+_ENCODINGS |= dict.fromkeys(_MOSAICS, ("u1", 1, _GREY))
 
 
 def is_bag(path: Path) -> bool:
@@ -73,12 +84,13 @@ def is_rectified(topic: str) -> bool:
     return _RECTIFIED.search(topic) is not None
 
 
-def sides(path: Path, images: Mapping[str, str], left: str | None, right: str | None) -> tuple[str, str]:
+def sides(path: Path, kinds: Mapping[str, str], left: str | None, right: str | None) -> tuple[str, str]:
     """Return the topics of the left and the right images: those asked for, else the best pair if there is one.
 
-    `images` are the types of the image topics. Rectified images go before raw ones, then raw pixels before compressed
-    ones.
+    `kinds` are the types of the topics with images and camera infos. Images with camera infos go before those without,
+    rectified ones before raw ones, then raw pixels before compressed ones.
     """
+    images = {topic: kind for topic, kind in kinds.items() if kind != CAMERA_INFO}
     for given in (left, right):
         if given is not None and given not in list(images):
             raise bad_input(path, f"has no images on {str(given)[:80]}", f"one of {_listed(images)}")
@@ -87,7 +99,10 @@ def sides(path: Path, images: Mapping[str, str], left: str | None, right: str | 
     if left is not None and right is not None:
         return left, right
     found = [pair for pair in _partners(images) if left in (None, pair[0]) and right in (None, pair[1])]
-    ranks = [(not is_rectified(one), images[one] == COMPRESSED) for one, _ in found]
+    lone = [any(_info_of(topic, kinds) is None for topic in pair) for pair in found]
+    ranks = [
+        (bare, not is_rectified(one), images[one] == COMPRESSED) for bare, (one, _) in zip(lone, found, strict=True)
+    ]
     best = [pair for pair, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
     if len(best) != 1:
         said = f"has {len(best) or 'no'} pairs of topics with images that look like left and right"
@@ -107,14 +122,21 @@ def _listed(topics: Mapping[str, str]) -> str:
     return (", ".join(names[:_MOST_LISTED]) or "no topic with images") + more
 
 
-def info_topic(path: Path, topic: str, kind: str, known: Mapping[str, str]) -> str:
+def info_topic(path: Path, topic: str, known: Mapping[str, str]) -> str:
     """Return the topic of the CameraInfo beside or below one of images."""
+    found = _info_of(topic, known)
+    if found is None:
+        raise bad_input(path, f"has no CameraInfo of {topic}", f"one on {' or '.join(_places(topic, known[topic]))}")
+    return found
+
+
+def _info_of(topic: str, known: Mapping[str, str]) -> str | None:
+    return next((place for place in _places(topic, known[topic]) if known.get(place) == CAMERA_INFO), None)
+
+
+def _places(topic: str, kind: str) -> list[str]:
     base = topic.rpartition("/")[0] if kind == COMPRESSED else topic
-    places = [f"{folder}/camera_info" for folder in (base.rpartition("/")[0], base)]
-    for place in places:
-        if known.get(place) == CAMERA_INFO:
-            return place
-    raise bad_input(path, f"has no CameraInfo of {topic}", f"one on {' or '.join(places)}")
+    return [f"{folder}/camera_info" for folder in (base.rpartition("/")[0], base)]
 
 
 def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRig:
@@ -191,9 +213,21 @@ def _raw(message: Any) -> Image:
         said = f"{message.data.size} bytes of data and a step of {step}"
         raise InputError(f"has {said}, where {width} x {height} px of {encoding} go with a step of at least {used}")
     rows = np.ascontiguousarray(message.data.reshape(height, step)[:, :used]).view(dtype)
+    if encoding in _MOSAICS:
+        return _coloured(rows, _MOSAICS[encoding])
     if count == 1:
         return rows.astype(dtype.newbyteorder("="))
     return np.ascontiguousarray(rows.reshape(height, width, count)[..., channels])
+
+
+def _coloured(mosaic: Image, conversion: str) -> Image:
+    import cv2
+
+    if min(mosaic.shape) < _SMALLEST_MOSAIC:
+        said = f"{mosaic.shape[1]} x {mosaic.shape[0]} px"
+        raise InputError(f"is a Bayer mosaic of {said}, where at least {_SMALLEST_MOSAIC} a side go")
+    made: Image = cv2.cvtColor(mosaic, getattr(cv2, conversion))
+    return made
 
 
 def _compressed(message: Any) -> Image:

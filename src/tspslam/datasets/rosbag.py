@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
-from ._pairing import NANOSECONDS, checked_index, name_of, pair_by_stamp, path_of, some
+from ._pairing import NANOSECONDS, check_stamps, checked_index, name_of, pair_by_stamp, path_of, seconds, some
 from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, cameras, image_of, info_topic, is_rectified, sides
 
 _LARGEST_BAG = 1 << 50  # bytes
@@ -30,20 +30,22 @@ Times = dict[int, int]
 class RosbagSequence:
     """Stereo images of a bag of ROS 1 or ROS 2, with their stamps; raw pairs are rectified.
 
-    Needs the library rosbags (``pip install tspslam[ros]``), not ROS. Topics are of ``sensor_msgs/Image`` (grey or
-    RGB of 8 bits, grey of 16) or ``CompressedImage`` (JPEG, PNG), each with a ``CameraInfo`` beside it. Images are
-    taken as rectified if the topic's name says ``rect``, or if the camera info leaves nothing to rectify. Left and
-    right images are paired by the stamps of their headers: the same one, else the nearest to each other within a
-    quarter of the median interval between left images. The bag is read through once when it is opened, then an image
-    at a time.
+    Needs the library rosbags (``pip install tspslam[ros]``), not ROS. Topics are of ``sensor_msgs/Image`` (grey,
+    RGB or a Bayer mosaic of 8 bits, grey of 16) or ``CompressedImage`` (JPEG, PNG), each with a ``CameraInfo`` beside
+    it. Images are taken as rectified if the topic's name says ``rect``, or if the camera info leaves nothing to
+    rectify. Left and right images are paired by the stamps of their headers: the same one, else the nearest to each
+    other within a quarter of the median interval between left images. The images' topics are read through once when
+    the bag is opened, then an image at a time. There is no truth: messages of poses do not say where the camera is
+    in the frame they are of.
 
     Parameters
     ----------
     path : str or path
         A ``.bag`` file of ROS 1; a folder with ``metadata.yaml``, a ``.mcap`` or a ``.db3`` file of ROS 2.
     left, right : str, optional
-        Topics of the images. By default the two whose names differ only in left and right, cam0 and cam1, infra1 and
-        infra2 or image_0 and image_1; rectified images go before raw ones, uncompressed before compressed ones.
+        Topics of the images. By default the two whose names differ only in left and right, cam0 and cam1, camera0
+        and camera1, infra1 and infra2, image_0 and image_1 or image_00 and image_01; those with a ``CameraInfo`` go
+        before those without, then rectified images before raw ones, then uncompressed before compressed ones.
 
     Attributes
     ----------
@@ -60,7 +62,8 @@ class RosbagSequence:
     ------
     InputError
         If the library or a part is missing, the bag is damaged, the topics cannot be told, the cameras are not of a
-        rectified pair or of lenses with Brown's distortion (``plumb_bob``), or no pair is found.
+        rectified pair or of lenses with Brown's distortion (``plumb_bob``), stamps are all 0 or go back in the order
+        of recording, or no pair is found.
 
     Examples
     --------
@@ -78,16 +81,15 @@ class RosbagSequence:
         self.path = path_of(path)
         self._bag = _Bag(self.path)
         kinds = self._bag.kinds
-        self.topics = sides(self.path, {t: k for t, k in kinds.items() if k != CAMERA_INFO}, left, right)
-        one, other = (self._bag.info(info_topic(self.path, topic, kinds[topic], kinds)) for topic in self.topics)
+        self.topics = sides(self.path, kinds, left, right)
+        one, other = (self._bag.info(info_topic(self.path, topic, kinds)) for topic in self.topics)
         self._rectify, self.rig = _made(self.path, cameras(self.path, one, other, all(map(is_rectified, self.topics))))
-        indexed = [self._bag.indexed(topic) for topic in self.topics]
-        self._times = [times for times, _ in indexed]
+        self._times, again = self._bag.indexed(self.topics)
         files = [{stamp: Path(str(stamp)) for stamp in times} for times in self._times]
         paired = some(pair_by_stamp(files[0], files[1], self.topics), self.path, "images with stamps in common")
         self._pairs = [(int(first.name), int(second.name)) for first, second in paired.files]
         self.stamps = paired.stamps
-        self.unpaired = paired.unpaired + [each for _, again in indexed for each in again]
+        self.unpaired = paired.unpaired + again
 
     @property
     def name(self) -> str:
@@ -143,19 +145,21 @@ class _Bag:
                 return Info(topic, self._reader.deserialize(data, connection.msgtype))
         raise bad_input(self.path, f"has no message on {topic}, though it counts some", _BAG)
 
-    def indexed(self, topic: str) -> tuple[Times, list[str]]:
-        """When the image of each stamp was recorded, and the names of those whose stamp was there before."""
-        times: Times = {}
+    def indexed(self, topics: tuple[str, str]) -> tuple[list[Times], list[str]]:
+        """When the images of both sides were recorded, and the names of those whose stamp was there before."""
+        times: dict[str, Times] = {topic: {} for topic in topics}
         again: list[str] = []
         with self._lock, _guarded(self.path):
-            for _, time, data in self._reader.messages(self._connections[topic]):
-                stamp = self._stamp(topic, data)
-                if stamp in times:
-                    again.append(one_line(f"{topic}/{stamp}"))
-                times.setdefault(stamp, time)
-        if set(times) == {0}:
-            raise bad_input(self.path, f"all stamps on {topic} are 0", "times in the headers of the images")
-        return times, again
+            for link, time, data in self._reader.messages([each for t in topics for each in self._connections[t]]):
+                stamp = self._stamp(link.topic, data)
+                if stamp in times[link.topic]:
+                    again.append(one_line(f"{link.topic}/{stamp}"))
+                times[link.topic].setdefault(stamp, time)
+        for topic, found in times.items():
+            if set(found) == {0}:
+                raise bad_input(self.path, f"all stamps on {topic} are 0", "times in the headers of the images")
+            check_stamps(Path(f"{self.path}: {topic}"), seconds(list(found)), "nanoseconds")
+        return list(times.values()), again
 
     def image(self, topic: str, stamp: int, time: int) -> Any:
         """Read the image of a stamp that was recorded at a time."""
