@@ -92,3 +92,19 @@ def test_a_bad_file_is_one_line_and_exit_code_three(tmp_path, capsys, said):
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_a_part_of_a_path_is_matched_by_stamps_that_look_like_numbers_of_lines(tmp_path):
+    from tspslam.io.trajectory import write_tum
+
+    stamps, poses = np.arange(20.0), np.tile(np.eye(4), (20, 1, 1))
+    poses[:, 0, 3] = stamps**2
+    write_tum(tmp_path / "whole.tum", stamps, poses)
+    write_tum(tmp_path / "tail.tum", stamps[5:], poses[5:])
+    found = evaluated(tmp_path / "tail.tum", tmp_path / "whole.tum")
+    assert found.matched == 15
+    assert found.ate_rmse_m < 1e-9
+    poses[:, :3, 3] *= 1e200
+    write_tum(tmp_path / "far.tum", stamps, poses)
+    with pytest.raises(InputError, match="from the origin"):
+        evaluated(tmp_path / "far.tum", tmp_path / "whole.tum")

@@ -125,6 +125,47 @@ def test_a_damaged_checkpoint_does_not_count(folder, whole, tmp_path):
     assert content(tmp_path / "run") == content(whole[0])
 
 
+def no_rows(state):
+    del state["rows"]
+
+
+def not_a_number(state):
+    state["poses"] = state["poses"] * np.nan
+
+
+def too_few_landmarks(state):
+    state["xyz"] = state["xyz"][:10]
+
+
+def too_few_rows(state):
+    state["rows"] = np.frombuffer(b"[]", np.uint8)
+
+
+@pytest.mark.parametrize("change", [no_rows, not_a_number, too_few_landmarks, too_few_rows, None])
+def test_a_checkpoint_that_was_changed_with_its_hash_does_not_count(folder, whole, tmp_path, change):
+    shutil.copytree(whole[0], tmp_path / "run")
+    config = resolve(assignments=SETTINGS)
+    path = tmp_path / "run" / STATE_NAME
+    if change is None:
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        state = dict(np.load(path))
+        change(state)
+        np.savez(path, **state)
+    with RunFolder.create(tmp_path / "run", config.nested | {"source": {"name": "walk", "frames": None}}) as held:
+        held.record(path, input_hash=held.units[STATE_NAME].input)
+    run(open_sequence(folder), tmp_path / "run", config)
+    assert content(tmp_path / "run") == content(whole[0])
+
+
+def test_numbers_of_a_frame_that_are_gone_come_back(folder, whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "run")
+    gone, *_ = sorted((tmp_path / "run/frames").glob("*.json"))
+    gone.unlink()
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole[0])
+
+
 def test_a_checkpoint_of_another_version_does_not_count(folder, whole, tmp_path, monkeypatch):
     shutil.copytree(whole[0], tmp_path / "run")
     monkeypatch.setattr("tspslam.journey._MADE_BY", b"another")

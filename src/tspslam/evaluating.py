@@ -10,6 +10,7 @@ import numpy as np
 from .datasets import open_sequence
 from .errors import InputError
 from .io import RunFolder, read_trajectory
+from .io.trajectory import has_stamps
 from .types import Trajectory
 from .vision.evaluate import TrajectoryErrors, evaluate_trajectory
 
@@ -43,7 +44,7 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
     if truth.is_dir():
         return evaluate_trajectory(estimate, _of_sequence(truth), max_stamp_difference=max_stamp_difference)
     reference = read_trajectory(truth)
-    if _is_numbered(reference):
+    if not has_stamps(truth):
         estimate = Trajectory(frames, estimate.T_world_camera)
         return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
     return evaluate_trajectory(estimate, reference, max_stamp_difference=max_stamp_difference)
@@ -85,8 +86,3 @@ def _of_sequence(folder: Path) -> Trajectory:
     if truth is None:
         raise InputError(f"{folder}: has no true poses, expected a sequence with them, or a file")
     return Trajectory(getattr(sequence, "stamps", np.arange(len(truth), dtype=np.float64)), truth)
-
-
-def _is_numbered(path: Trajectory) -> bool:
-    """Whether stamps are the numbers of lines."""
-    return bool((path.stamp == np.arange(len(path))).all())

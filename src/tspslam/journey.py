@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import itertools
 import json
+import zipfile
+import zlib
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +27,8 @@ from .vision.rig import check_pair
 
 STATE_NAME = "state.npz"
 _MADE_BY = f"tspslam {__version__}, state 1".encode()  # others' checkpoints do not count
+# What a checkpoint that something else has changed may raise: it does not count.
+_DAMAGED = (InputError, LookupError, OSError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
 
@@ -138,13 +144,12 @@ class Journey:
             return {"index": index, "input_hash": key, "skipped": str(error)}
 
     def _store(self, frame: Frame, key: str) -> Row:
-        """Have a frame and its numbers written, unless that is done; a lost one that shows nothing has no file."""
+        """Have a frame and its numbers written, unless that is done; one without a complex has a pose, but no file."""
         try:
             row = frame_row(frame, key, with_complex=True)
-        except InputError:
-            if frame.is_keyframe:
-                raise
-            return frame_row(frame, key)
+        except InputError as error:
+            self.last_error = error
+            return frame_row(frame, key) | {"no_complex": str(error)}
         self._wait_for_writing(_BACKLOG)
         self._writing.append(self._writer.submit(self._write, frame, row, key))
         return row | {"seconds": frame.seconds}
@@ -183,21 +188,30 @@ class Journey:
         unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
         if unit is None or not self.folder.is_done(path, input_hash=unit.input):
             return
-        with np.load(path, allow_pickle=False) as archive:
+        with contextlib.suppress(*_DAMAGED):
+            self._take_over(path)
+
+    def _take_over(self, path: Path) -> None:
+        """Go on from a checkpoint of this version whose images and files are as they were."""
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
             state = {name: archive[name] for name in archive.files}
-        if state.pop("made_by", np.empty(0)).tobytes() != _MADE_BY:
+        if state.pop("made_by").tobytes() != _MADE_BY:
             return
-        rows = json.loads(state.pop("rows").tobytes())
-        if len(rows) <= len(self.wanted) and all(map(self._is_as_before, self.wanted, rows)):
-            self.rows = rows
-            places = [row["index"] for row in self.tracked]
-            self.session.odometry.restore(state, lambda number: self._image(places[number]))
+        rows: list[Row] = json.loads(state.pop("rows").tobytes())
+        places = [row["index"] for row in rows if "skipped" not in row]
+        whole = len(places) == len(state["stamps"]) == len(state["anchors"]) and len(rows) <= len(self.wanted)
+        if whole and all(map(self._is_as_before, self.wanted, rows)):
+            session = Session(self.source.rig, self.session.settings)
+            session.odometry.restore(state, lambda number: self._image(places[number]))
+            self.session, self.rows = session, rows
 
     def _image(self, index: int) -> Image:
         return self.source[index].left
 
     def _is_as_before(self, index: int, row: Row) -> bool:
-        if "points" in row and not self.folder.is_done(self.folder.frame_path(index), input_hash=row["input_hash"]):
+        path, key = self.folder.frame_path(index), row["input_hash"]
+        files = (path, path.with_suffix(".json")) if "points" in row else ()
+        if not all(self.folder.is_done(file, input_hash=key) for file in files):
             return False
         return row["index"] == index and row["input_hash"] == _input_hash(self._one(index), self.session)
 

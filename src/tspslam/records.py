@@ -92,9 +92,10 @@ def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
     tracked, stored, odometry = journey.tracked, journey.stored, journey.session.odometry
     skipped = len(journey.rows) - len(tracked)
     lost = sum(row["is_lost"] for row in tracked)
+    bare = any("no_complex" in row for row in tracked)
     is_path = len(tracked) > 1
     return {
-        "status": "degraded" if skipped or lost or odometry.unsolved else "complete",
+        "status": "degraded" if skipped or lost or bare or odometry.unsolved else "complete",
         "source": journey.source.name,
         "frames": len(journey.rows),
         "tracked": len(tracked) - lost,
@@ -124,6 +125,8 @@ def _troubles(rows: list[Row], odometry: Odometry) -> Iterator[Warning_]:
     for row in rows:
         if "skipped" in row:
             yield {"code": "frame_skipped", "message": f"frame {row['index']}: {row['skipped']}"}
+        if "no_complex" in row and not row["is_lost"]:
+            yield {"code": "no_complex", "message": f"frame {row['index']} has a pose, but: {row['no_complex']}"}
     lost = [row["index"] for row in rows if row.get("is_lost")]
     if lost:
         message = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -225,5 +226,6 @@ class Session:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
         frame = Frame(pair, self.odometry.process(pair), self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
-            _ = frame.response  # and all that it rests on
+            with contextlib.suppress(InputError):  # raised again when it is asked for; the pose stands
+                _ = frame.response  # and all that it rests on
         return frame

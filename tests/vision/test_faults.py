@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from tspslam import InputError, Trajectory, evaluate_trajectory
+from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
 from tspslam.config import resolve
 from tspslam.datasets import KittiSequence, synthetic
 from tspslam.datasets.synthetic import shapes
+from tspslam.io import read_frame, read_trajectory
+from tspslam.io.vtu import read_vtu
 from tspslam.pipeline import run
 from tspslam.vision import bundle
-from tspslam.vision.odometry import Odometry
+from tspslam.vision.odometry import Odometry, Tracking
 
 from ..datasets.standard import kitti_seq1
 from ..sequences import DETECTOR, RIG, SETTINGS
@@ -50,8 +52,6 @@ def driven(source, out, settings=SETTINGS):
 
 
 def path_error(out, sequence, order=None):
-    from tspslam.io import read_trajectory
-
     kept = np.arange(len(sequence)) if order is None else np.asarray(order)
     found = read_trajectory(out / "trajectory.tum")
     truth = Trajectory(sequence.stamps[kept], sequence.truth[kept])
@@ -211,3 +211,38 @@ def test_an_adjustment_without_a_solution_leaves_the_map_and_is_told(walk, tmp_p
     assert not any(one.is_lost for one in tracked)
     assert evaluate_trajectory(odometry.trajectory, Trajectory(walk.stamps, walk.truth)).ate_rmse_m < 0.1
     assert driven(Edited(walk, lambda k, pair: pair, range(10)), tmp_path / "run")["status"] == "degraded"
+
+
+def test_a_frame_without_a_complex_keeps_its_place_in_the_path(walk, tmp_path):
+    """Its pose stands, so the frames after it lie where they were seen from; a resumed run counts it too."""
+    source = Edited(walk, lambda k, pair: black(pair) if k == 3 else pair, range(8))
+    settings = [*SETTINGS, "tracking.every_frame=true"]
+    result = driven(source, tmp_path / "run", settings)
+    assert (result["status"], result["frames"], len(result["per_frame"])) == ("degraded", 8, 8)
+    assert "no_complex" in result["per_frame"][3]
+    points = read_vtu(tmp_path / "run/map.vtu").xyz
+    pose = read_trajectory(tmp_path / "run/trajectory.tum").T_world_camera[7]
+    own = read_frame(tmp_path / "run/frames/000007.npz").cloud.xyz
+    np.testing.assert_allclose(points[-len(own) :], own @ pose[:3, :3].T + pose[:3, 3], atol=1e-5)
+    again = driven(source, tmp_path / "run", settings)
+    assert again == result
+
+
+def test_a_surface_that_fails_at_a_keyframe_leaves_its_pose(walk):
+    def failing(cloud):
+        raise GeometryError("no surface")
+
+    session = Session(walk.rig, Settings(detector=DETECTOR, surface=failing))
+    frames = [session.process(walk[k]) for k in range(4)]
+    assert len(frames) == len(session.trajectory) == 4
+    with pytest.raises(GeometryError, match="no surface"):
+        _ = frames[0].response
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("window", "x"), ("window", 2.5), ("patience", None), ("every_frame", "x"),
+                        ("sigma_disparity", True), ("keyframe_share", None)],
+)  # fmt: skip
+def test_settings_of_another_type_are_refused(name, value):
+    with pytest.raises(InputError, match=f"tracking: {name} is"):
+        Tracking(**{name: value})

@@ -125,6 +125,21 @@ def read_trajectory(path: PathLike) -> Trajectory:
     return Trajectory(table[:, 0], _rigid(path, np.concatenate([R, table[:, 1:4, None]], axis=2)))
 
 
+def has_stamps(path: PathLike) -> bool:
+    """Whether a trajectory file is in TUM's form, whose lines begin with a stamp; KITTI's has none.
+
+    Parameters
+    ----------
+    path : str or path
+        As `read_trajectory` takes it; errors too.
+
+    Returns
+    -------
+    bool
+    """
+    return _table(path).shape[1] == 8
+
+
 def _table(path: PathLike) -> FloatArray:
     """Numbers of a text file, (n, 8) or (n, 12)."""
     text = read_bytes(path, _FORMS, _LARGEST_TEXT).decode("utf-8-sig", "replace")

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..types import FloatArray, Trajectory, real_array
 from .se3 import alignment, inverse, rotation_angle
 
+_FARTHEST = 1e10  # m
 _FEWEST = 2
 _SLACK = 0.1  # of a distance, by which the nearest pair of poses may miss it
 _ROTATION = 1e-3
@@ -212,6 +213,10 @@ def _checked(trajectory: Trajectory, what: str) -> tuple[FloatArray, FloatArray]
         raise InputError(f"{what}: has no pose that is known, expected at least {_FEWEST}")
     if not np.isfinite(stamps).all() or not np.isfinite(poses).all() or (np.diff(stamps) <= 0).any():
         raise InputError(f"{what}: stamps or poses are not finite, or stamps do not increase, expected both")
+    if np.abs(poses).max() > _FARTHEST:
+        raise InputError(
+            f"{what}: a position is {np.abs(poses).max():.3g} m from the origin, expected {_FARTHEST:g} at most"
+        )
     R = poses[:, :3, :3]
     off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > _ROTATION) | (np.linalg.det(R) < 0))

@@ -27,6 +27,7 @@ from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined, resecte
 from .windows import smooth_plane
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
+_KINDS = {int: "an integer", bool: "True or False"}
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 
 
@@ -69,6 +70,13 @@ class Tracking:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        for name, kind in (("window", int), ("patience", int), ("every_frame", bool)):
+            if type(getattr(self, name)) is not kind:
+                raise InputError(f"tracking: {name} is {repr(getattr(self, name))[:40]}, expected {_KINDS[kind]}")
+        for name in ("keyframe_share", "sigma_disparity", "sigma_offset"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+                raise InputError(f"tracking: {name} is {repr(value)[:40]}, expected a number")
         ranges: dict[str, tuple[float, float]] = {"window": (2, 50), "keyframe_share": (0, 1), "patience": (1, 1000)}
         check_ranges("tracking", self, ranges | {"sigma_disparity": (0.01, 10), "sigma_offset": (0.001, 10)})
 
@@ -193,6 +201,11 @@ class Odometry:
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0."""
+        floats = ("stamps", "anchored", "poses", "row_offset", "xyz", "keyframe_pose", "offset")
+        count = len(state["xyz"])
+        beyond = bool((state.get("landmark", np.empty(0)) >= count).any())
+        if beyond or len(state["words"]) != count or not all(np.isfinite(state[name]).all() for name in floats):
+            raise InputError("odometry: the state does not hold together, expected what `state` gave")
         self.map.restore(state, image_of)
         self._stamps = state["stamps"].tolist()
         self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
