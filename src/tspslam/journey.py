@@ -69,14 +69,12 @@ class Journey:
     ----------
     rows : list of dict
         One for each pair tried: its numbers, or why it was skipped.
-    last_error : InputError or None
-        Why the last pair that was skipped was.
     """
 
     def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
         self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
         self.rows: list[Row] = []
-        self.last_error: InputError | None = None
+        self._errors: dict[int, InputError] = {}
         self._writing: list[Future[None]] = []
         self._resume()
         self._saved = len(self.rows)
@@ -90,6 +88,11 @@ class Journey:
     def stored(self) -> list[Row]:
         """Rows of the frames that have a file: keyframes, lost ones, or all."""
         return [row for row in self.rows if "points" in row]
+
+    @property
+    def last_error(self) -> InputError | None:
+        """Why the last pair that could not be used could not."""
+        return self._errors[max(self._errors)] if self._errors else None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -135,35 +138,32 @@ class Journey:
             if isinstance(pair, InputError):
                 raise pair
             frame = self.session.process(pair)
-            every = self.session.settings.tracking.every_frame
-            if every or frame.is_keyframe or frame.tracked.is_lost:
-                return self._store(frame, key)
-            return frame_row(frame, key) | {"seconds": frame.seconds}
         except InputError as error:
-            self.last_error = error
+            self._errors[index] = error
             return {"index": index, "input_hash": key, "skipped": str(error)}
+        row = frame_row(frame, key) | {"seconds": frame.seconds}
+        if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.tracked.is_lost:
+            self._wait_for_writing(_BACKLOG)
+            self._writing.append(self._writer.submit(self._store, frame, row, key))
+        return row
 
-    def _store(self, frame: Frame, key: str) -> Row:
-        """Have a frame and its numbers written, unless that is done; one without a complex has a pose, but no file."""
+    def _store(self, frame: Frame, row: Row, key: str) -> None:
+        """Write a frame and its numbers, unless that is done; one without a complex has a pose, but no file."""
         try:
-            row = frame_row(frame, key, with_complex=True)
+            numbers = frame_row(frame, key, with_complex=True)
         except InputError as error:
-            self.last_error = error
-            return frame_row(frame, key) | {"no_complex": str(error)}
-        self._wait_for_writing(_BACKLOG)
-        self._writing.append(self._writer.submit(self._write, frame, row, key))
-        return row | {"seconds": frame.seconds}
-
-    def _write(self, frame: Frame, row: Row, key: str) -> None:
-        """Write a frame and its numbers, while the next one is processed."""
+            self._errors[frame.index] = error
+            row["no_complex"] = str(error)
+            return
         path, watch = self.folder.frame_path(frame.index), Stopwatch()
         if not self.folder.is_done(path, input_hash=key):
             write_frame(path, frame)
             self.folder.record(path, input_hash=key)
-        numbers = path.with_suffix(".json")
-        write_bytes(numbers, (json.dumps(row, indent=1, allow_nan=False) + "\n").encode())
-        self.folder.record(numbers, input_hash=key)
+        beside = path.with_suffix(".json")
+        write_bytes(beside, (json.dumps(numbers, indent=1, allow_nan=False) + "\n").encode())
+        self.folder.record(beside, input_hash=key)
         watch.lap("write")
+        row |= numbers
         frame.seconds |= watch.seconds
 
     def _wait_for_writing(self, left: int) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TypeVar
+from functools import cached_property, wraps
+from threading import RLock
+from typing import Any, TypeVar
 
 from .errors import InputError
 from .topology.complex import Complex, build_complex
@@ -53,10 +55,24 @@ class Settings:
     filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
 
 
+def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:
+    """Compute `stage` when it is first asked for, whichever thread asks."""
+
+    @wraps(stage)
+    def result(self: Frame) -> T:
+        with self._lock:
+            if stage.__name__ not in self._done:
+                self._done[stage.__name__] = stage(self)
+            done: T = self._done[stage.__name__]
+            return done
+
+    return result
+
+
 class Frame:
     """All that one pair gave: where it was taken, and what is seen from there.
 
-    What is not yet there is computed when it is asked for: keyframes have all from the start.
+    What is not yet there is computed when it is asked for; of keyframes all is, from the start, in a thread of its own.
 
     Parameters
     ----------
@@ -78,6 +94,8 @@ class Frame:
     def __init__(self, pair: StereoPair, tracked: Tracked, settings: Settings) -> None:
         self.pair, self.tracked, self.settings = pair, tracked, settings
         self.seconds = dict(tracked.seconds)
+        self._done: dict[str, Any] = {}
+        self._lock = RLock()
 
     @property
     def T_world_camera(self) -> FloatArray:
@@ -89,7 +107,8 @@ class Frame:
         """Whether the map rests on it."""
         return self.tracked.is_keyframe
 
-    @cached_property
+    @property
+    @_once
     def stereo(self) -> Stereo:
         """What both images show: keypoints, points, quality."""
         return self.tracked.stereo or self._timed(
@@ -106,24 +125,28 @@ class Frame:
         """How well the two images matched."""
         return self.stereo.quality
 
-    @cached_property
+    @property
+    @_once
     def surface(self) -> Surface:
         """Triangles over the points."""
         return self._timed("surface", lambda: self.settings.surface(self.cloud))
 
-    @cached_property
+    @property
+    @_once
     def complex_(self) -> Complex:
         """The simplicial complex of these."""
         faces, n = self.surface.faces, len(self.cloud)
         return self._timed("complex", lambda: build_complex(faces, n))
 
-    @cached_property
+    @property
+    @_once
     def signals(self) -> Signals:
         """Luminance on vertices, edges and faces."""
         complex_ = self.complex_
         return self._timed("signals", lambda: sample_signals(self.pair.left, self.cloud.uv, complex_))
 
-    @cached_property
+    @property
+    @_once
     def response(self) -> Response:
         """The filter's answer at each vertex."""
         complex_, signals = self.complex_, self.signals
@@ -192,6 +215,8 @@ class Session:
         self.settings = settings or Settings()
         stages = self.settings
         self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
+        self._worker = ThreadPoolExecutor(1)
+        self._busy: Future[None] | None = None
 
     @cached_property
     def fingerprints(self) -> tuple[str, ...]:
@@ -226,6 +251,13 @@ class Session:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
         frame = Frame(pair, self.odometry.process(pair), self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
-            with contextlib.suppress(InputError):  # raised again when it is asked for; the pose stands
-                _ = frame.response  # and all that it rests on
+            if self._busy:
+                self._busy.result()  # so that no more than one frame waits
+            self._busy = self._worker.submit(_complete, frame)
         return frame
+
+
+def _complete(frame: Frame) -> None:
+    """Compute the response and all that it rests on; what cannot be is raised again when it is asked for."""
+    with contextlib.suppress(InputError):
+        _ = frame.response

@@ -17,11 +17,11 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
 _BEHIND = 1e-3  # m; nearer points, and those behind, are not seen
-_LOST = 1e6  # cost of an observation whose point is not in front
+UNSEEN = 1e6  # cost of an observation whose point is not in front
 
 
 @inlined
-def _residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, p: Float64, r: Float64) -> bool:
+def residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, p: Float64, r: Float64) -> bool:
     """Fill `p` with the point in the camera's frame and `r` with seen less predicted (u, v, d); False if behind."""
     for i in range(3):
         p[i] = R[i, 0] * X[0] + R[i, 1] * X[1] + R[i, 2] * X[2] + t[i]
@@ -35,7 +35,7 @@ def _residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, 
 
 
 @inlined
-def _huber(r: Float64, information: Float64, width: float) -> tuple[float, float]:
+def huber_of(r: Float64, information: Float64, width: float) -> tuple[float, float]:
     """Cost and weight of a residual: quadratic up to `width` standard deviations, linear beyond."""
     square = information[0] * (r[0] * r[0] + r[1] * r[1]) + information[1] * r[2] * r[2]
     if square <= width * width:
@@ -54,10 +54,10 @@ def cost(
     total = 0.0
     for o in range(pose.shape[0]):
         k = pose[o]
-        if _residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
-            total += _huber(r, information[o], width)[0]
+        if residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
+            total += huber_of(r, information[o], width)[0]
         else:
-            total += _LOST
+            total += UNSEEN
     return total
 
 
@@ -71,7 +71,7 @@ def squares(
     for o in range(pose.shape[0]):
         k = pose[o]
         found[o] = np.inf
-        if _residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
+        if residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
             found[o] = information[o, 0] * (r[0] * r[0] + r[1] * r[1]) + information[o, 1] * r[2] * r[2]
 
 
@@ -134,11 +134,11 @@ def reduce(
         for o in range(start[m], start[m + 1]):
             k = pose[o]
             W[o] = 0
-            if not _residual(lens, R[k], t[k], X[m], seen[o], p, r):
+            if not residual(lens, R[k], t[k], X[m], seen[o], p, r):
                 continue
             has_disparity = not np.isnan(seen[o, 2])
             _jacobians(lens, R[k], p, has_disparity, J, G)
-            weight = _huber(r, information[o], width)[1]
+            weight = huber_of(r, information[o], width)[1]
             w = weight * information[o, 0], weight * information[o, 0], weight * information[o, 1]
             for i in range(3):
                 for j in range(3):

@@ -12,6 +12,7 @@ Float64 = NDArray[np.float64]
 
 _LEAST_VARIANCE = np.float32(1.0)  # grey levels squared; below it a window has no texture
 _CONVERGED, _STEPS = 0.01, 12  # px; iterations
+_PLACES = 512  # of a sample between two pixels
 _LEAST_SHAPE = 0.02  # smaller eigenvalue of the normal matrix over the larger one, about
 
 
@@ -24,28 +25,40 @@ def cubic_taps(f: float, taps: Float32) -> None:
     taps[3] = (0.5 * f - 0.5) * f * f
 
 
-@inlined
-def _sample_warped(image: Float32, place: Float64, warp: Float64, across: Float32, down: Float32, out: Float32) -> bool:
+def _table() -> Float32:
+    """Taps for all places between two pixels, to 1/1024 px."""
+    taps = np.empty((_PLACES + 1, 4), np.float32)
+    for k in range(_PLACES + 1):
+        cubic_taps.py_func(k / _PLACES, taps[k])
+    return taps
+
+
+_TAPS = _table()
+_ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)  # plain steps of indices that are never negative
+
+
+@reassociated_kernel
+def _sample_warped(image: Float32, place: Float64, warp: Float64, out: Float32) -> bool:
     """Fill `out` with samples at ``place + warp · offset``; False if any lies outside."""
     height, width = image.shape
-    reach = out.shape[0] // 2
+    side, reach = out.shape[0], out.shape[0] // 2
     far_u = (abs(warp[0, 0]) + abs(warp[0, 1])) * reach + 2
     far_v = (abs(warp[1, 0]) + abs(warp[1, 1])) * reach + 2
     if not (far_u <= place[0] < width - far_u - 1 and far_v <= place[1] < height - far_v - 1):
         return False
-    for a in range(out.shape[0]):
-        for b in range(out.shape[1]):
-            u = place[0] + warp[0, 0] * (b - reach) + warp[0, 1] * (a - reach)
-            v = place[1] + warp[1, 0] * (b - reach) + warp[1, 1] * (a - reach)
-            x, y = int(u), int(v)
-            cubic_taps(u - x, across)
-            cubic_taps(v - y, down)
+    for a in range(side):
+        for b in range(side):
+            u = place[0] + warp[0, 0] * (b - reach) + warp[0, 1] * (a - reach) - 1
+            v = place[1] + warp[1, 0] * (b - reach) + warp[1, 1] * (a - reach) - 1
+            x, y = np.uint64(u), np.uint64(v)
+            across, down = _TAPS[np.uint64((u - x) * _PLACES + 0.5)], _TAPS[np.uint64((v - y) * _PLACES + 0.5)]
             value = np.float32(0)
             for k in range(4):
-                line = image[y - 1 + k]
+                row = y + np.uint64(k)
                 value += down[k] * (
-                    across[0] * line[x - 1] + across[1] * line[x] + across[2] * line[x + 1] + across[3] * line[x + 2]
-                )
+                    across[0] * image[row, x] + across[1] * image[row, x + _ONE]
+                    + across[2] * image[row, x + _TWO] + across[3] * image[row, x + _THREE]
+                )  # fmt: skip
             out[a, b] = value
     return True
 
@@ -151,10 +164,10 @@ def follow_level(
     template, gu, gv = np.empty_like(weight), np.empty_like(weight), np.empty_like(weight)
     window, rows = np.empty_like(weight), np.empty((side + 3, side), np.float32)
     flat = window.ravel(), weight.ravel(), template.ravel(), gu.ravel(), gv.ravel()
-    across, down, normal = np.empty(4, np.float32), np.empty(4, np.float32), np.empty(4)
+    taps, normal = np.empty(4, np.float32), np.empty(4)
     for i in range(place.shape[0]):
         score[i] = -1
-        if not _sample_warped(reference, place[i], warp[i], across, down, patch):
+        if not _sample_warped(reference, place[i], warp[i], patch):
             continue
         if not _prepare(patch, contrast, weight, template, gu, gv, normal):
             continue
@@ -163,7 +176,7 @@ def follow_level(
         _, _, _, along0, down0 = _moments(flat[2], flat[1], flat[2], flat[3], flat[4])
         u, v = uv[i, 0], uv[i, 1]
         for _ in range(_STEPS):
-            if not _sample_shifted(current, u, v, across, rows, window):
+            if not _sample_shifted(current, u, v, taps, rows, window):
                 break
             mean, square, shared, along, over = _moments(flat[0], flat[1], flat[2], flat[3], flat[4])
             spread = square - mean * mean

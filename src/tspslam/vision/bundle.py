@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, FloatArray, Rig, real_array
+from .pose import lens_of
 from .se3 import inverse
 
 _FIRST_DAMPING, _LEAST, _MOST = 1e-4, 1e-9, 1e8
@@ -143,26 +144,6 @@ def adjust(
     return problem.solve(most_steps)
 
 
-def pose_information(
-    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observations, *, huber: float = 2.5
-) -> FloatArray:
-    """Information of poses whose points are known, (6K, 6K): inverse of the covariance of (ω, υ) of each camera.
-
-    Parameters, errors: as `adjust`.
-
-    Examples
-    --------
-    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
-    >>> point, one = np.array([[0.0, 0, 2]]), np.ones(1)
-    >>> seen = Observations(np.zeros(1, int), np.zeros(1, int), np.array([[320.0, 240.0]]), 25 * one, one, one)
-    >>> np.diag(pose_information(rig, np.eye(4)[None], point, seen)).round(3).tolist()
-    [250000.0, 250000.0, 0.0, 62500.0, 62500.0, 156.25]
-    """
-    problem = _Problem(rig, T_world_camera, xyz, seen, None, False, huber)
-    problem.set_offset(0.0, None)
-    return problem.information_of_poses()
-
-
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # R, t, X, lens
 
 
@@ -188,9 +169,7 @@ class _Problem:
         T_camera_world = inverse(T)
         self.R, self.t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
         self.moving, self.huber = moving, float(huber)
-        self.lens = np.array(
-            [rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64
-        )
+        self.lens = lens_of(rig)
         self._sort(_checked(seen, len(T), len(self.X)))
         stays = _stays(fixed, len(T), moving)
         self.row = np.where(stays, -1, np.cumsum(~stays) - 1).astype(np.int32)
@@ -302,10 +281,6 @@ class _Problem:
         T[:, :3, :3], T[:, :3, 3] = self.R, self.t
         std = self._offset_std(count) if self.prior else 0.0
         return Adjustment(inverse(T), self.X, before, cost, distance, steps, float(self.lens[7]), std)
-
-    def information_of_poses(self) -> FloatArray:
-        """Normal equations at the start."""
-        return self._equations((self.R, self.t, self.X, self.lens), 6 * len(self.R), 0.0)[0]
 
     def _offset_std(self, count: int) -> float:
         """Standard deviation of the offset: from the inverse of the reduced equations."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..types import BoolArray, FloatArray, Rig
-from .bundle import Observations, adjust, pose_information
 from .following import Pyramid, follow, warps
+from .pose import fit_pose
 from .rig import project
 from .se3 import inverse
 
@@ -20,6 +20,7 @@ _GATES = (6.0, 3.5)  # standard deviations beyond which a match is dropped, roun
 _LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
 _LEAST_DEPTH = 0.1  # m
 _NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
+_NOTHING = 1e-9 * np.eye(6)  # of information, so that all have an inverse
 _MOST_BITS, _RATIO = 64, 0.85  # of 256; the best distance against the second
 
 
@@ -114,12 +115,6 @@ def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_di
     return _settled(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or fix
 
 
-def observations(fix: Fix, pose: int, sigma: float, sigma_disparity: float) -> Observations:
-    """The landmarks of a fix as seen by one camera; point numbers are those of its rows."""
-    rows, ones = np.arange(len(fix)), np.ones(len(fix))
-    return Observations(np.full(len(fix), pose), rows, fix.uv, fix.disparity, sigma * ones, sigma_disparity * ones)
-
-
 def _located(
     rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, stage: _Stage
 ) -> Fix | None:
@@ -173,18 +168,18 @@ def _settled(
     rig: Rig, xyz: FloatArray, fix: Fix, sigma: float, sigma_disparity: float, gates: tuple[float, ...]
 ) -> Fix | None:
     """Least squares on the pose, with fewer and fewer outliers."""
+    T, points, seen = fix.T_world_camera, xyz[fix.landmark], np.column_stack([fix.uv, fix.disparity])
+    left = np.arange(len(fix))
     for gate in gates:
-        if len(fix) < LEAST_MATCHES:
+        if len(left) < LEAST_MATCHES:
             return None
-        seen = observations(fix, 0, sigma, sigma_disparity)
-        found = adjust(rig, fix.T_world_camera[None], xyz[fix.landmark], seen, move_points=False, most_steps=10)
-        good = found.distance <= gate
-        fix = Fix(found.T_world_camera[0], fix.landmark[good], fix.uv[good], fix.disparity[good], fix.covariance)
-    if len(fix) < LEAST_MATCHES:
+        found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity))
+        T, left = found.T_world_camera, left[found.distance <= gate]
+    if len(left) < LEAST_MATCHES:
         return None
-    seen = observations(fix, 0, sigma, sigma_disparity)
-    information = pose_information(rig, fix.T_world_camera[None], xyz[fix.landmark], seen)
-    return replace(fix, covariance=np.linalg.inv(information).astype(np.float64))
+    found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity), most_steps=0)
+    covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
+    return Fix(T, fix.landmark[left], fix.uv[left], fix.disparity[left], covariance)
 
 
 def resected(
