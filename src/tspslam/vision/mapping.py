@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from ..types import FloatArray, Image, Rig
 from .bundle import Adjustment, Observations, adjust
+from .features import grey_levels
 from .following import Pyramid, pyramid
 from .rig import back_project
+from .se3 import inverse, normalised, repeated
 from .tracking import SIGMA, Fix, Reference
 
 _LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
@@ -20,7 +22,10 @@ _LEAST_SHARED = 4  # landmarks in common that make an older keyframe hold the wi
 _LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
 _APART = 12.0  # px between a new landmark and one that is followed
 _LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
-_CULLED = 10  # keyframes between cullings of landmarks
+_CULLED = 10  # keyframes between cullings
+_MOST_IMAGES = 100e6  # bytes of the images of older keyframes
+_SEEN_ENOUGH, _REDUNDANT = 3, 0.9  # other keyframes that see a landmark; share of such ones that makes a keyframe go
+_CLOSE, _SAME_WAY, _SHARED = 0.1, np.cos(np.radians(15)), 0.3  # m per m of depth; angle; landmarks: of two alike
 _MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
 _STEPS = 8
@@ -38,6 +43,8 @@ class Keyframe:
         Its pose.
     image : Pyramid or None
         Its left image, while landmarks are looked for in it.
+    grey : (H, W) uint8 or None
+        Its left image, while there is room: in case the camera comes back.
     landmark : (K,) int64
         Which landmarks.
     uv : (K, 2) float64
@@ -49,6 +56,7 @@ class Keyframe:
     index: int
     T_world_camera: FloatArray
     image: Pyramid | None
+    grey: NDArray[np.uint8] | None
     landmark: NDArray[np.int64]
     uv: FloatArray
     disparity: FloatArray
@@ -134,6 +142,8 @@ class Map:
         self.offset = OffsetFilter(sigma_offset, window)
         self.keyframes: list[Keyframe] = []
         self.xyz, self.words = np.empty((0, 3)), np.empty((0, 4), np.uint64)
+        self.is_bent = False
+        self.dropped: list[tuple[int, int, FloatArray]] = []
 
     def state(self) -> dict[str, NDArray[Any]]:
         """All of it but the images, as arrays."""
@@ -146,23 +156,27 @@ class Map:
         return columns | {
             "keyframe_index": np.array([frame.index for frame in frames], np.int64),
             "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
+            "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
             "keyframe_sights": np.array([len(frame.landmark) for frame in frames], np.int64),
             "xyz": self.xyz,
             "words": self.words,
             "offset": np.array(self.offset.state),
+            "is_bent": np.array(self.is_bent),
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Become the map of that `state`; `image_of` gives the left image of a frame by its number."""
         self.xyz, self.words = state["xyz"], state["words"]
-        self.offset.state = tuple(state["offset"].tolist())
+        self.offset.state, self.is_bent = tuple(state["offset"].tolist()), bool(state["is_bent"])
         ends = np.cumsum(state["keyframe_sights"])
         self.keyframes = []
         for k, index in enumerate(state["keyframe_index"].tolist()):
             rows = slice(ends[k] - state["keyframe_sights"][k], ends[k])
-            image = pyramid(image_of(index)) if k >= len(ends) - _LOOKED_FOR else None
+            shown = image_of(index) if state["keyframe_has_image"][k] else None
+            grey = None if shown is None else np.array(grey_levels(shown))
+            image = pyramid(shown) if shown is not None and k >= len(ends) - _LOOKED_FOR else None
             sights = (state[name][rows] for name in ("landmark", "uv", "disparity"))
-            self.keyframes.append(Keyframe(index, state["keyframe_pose"][k], image, *sights))
+            self.keyframes.append(Keyframe(index, state["keyframe_pose"][k], image, grey, *sights))
 
     def references(self) -> list[Reference]:
         """The last keyframes, newest first, each with the landmarks that no later one saw."""
@@ -175,7 +189,10 @@ class Map:
             found.append(Reference(frame.image, frame.T_world_camera, frame.uv[new], frame.landmark[new]))
         return found
 
-    def add(self, index: int, T_world_camera: FloatArray, image: Pyramid, fix: Fix | None, new: NewPoints) -> None:
+    def add(
+        self, index: int, T_world_camera: FloatArray, images: tuple[Pyramid, NDArray[np.uint8]], fix: Fix | None,
+        new: NewPoints,
+    ) -> None:  # fmt: skip
         """Make a frame a keyframe: what it follows is seen again, its other points are new landmarks."""
         old = fix or Fix(T_world_camera, np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6)))
         rows = self._fresh(new, old.uv)
@@ -187,7 +204,7 @@ class Map:
         landmark = np.concatenate([old.landmark, born])
         uv = np.concatenate([old.uv, new.uv[rows]])
         disparity = np.concatenate([old.disparity, new.disparity[rows]])
-        self.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity))
+        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity))
         self._let_go()
 
     def _fresh(self, new: NewPoints, followed: FloatArray) -> NDArray[np.int64]:
@@ -202,30 +219,107 @@ class Map:
         return rows
 
     def _let_go(self) -> None:
-        """Forget the image of a keyframe that is not looked for; now and then, landmarks that are of no use."""
+        """Forget images that are not looked for; now and then, landmarks and keyframes that are of no use."""
         if len(self.keyframes) > _LOOKED_FOR:
-            self.keyframes[-_LOOKED_FOR - 1] = replace(self.keyframes[-_LOOKED_FOR - 1], image=None)
+            self._change(-_LOOKED_FOR - 1, image=None)
         if len(self.keyframes) % _CULLED == 0:
             self._cull()
+            self._thin()
+        if len(self.keyframes) > self._most_images():
+            self._change(-self._most_images() - 1, grey=None)
+
+    def _change(self, place: int, **changes: Any) -> None:
+        self.keyframes[place] = replace(self.keyframes[place], **changes)
+
+    def _most_images(self) -> int:
+        return max(2 * self.window, int(_MOST_IMAGES / (self.rig.width * self.rig.height)))
 
     def _cull(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
-        kept = np.bincount(np.concatenate([frame.landmark for frame in self.keyframes]), minlength=len(self.xyz)) > 1
+        kept = self._counts() > 1
         for frame in self.keyframes[-self.window :]:
             kept[frame.landmark] = True
         number = np.cumsum(kept) - 1
         self.xyz, self.words = self.xyz[kept], self.words[kept]
+        self._relabel(np.where(kept, number, -1))
+
+    def _counts(self) -> NDArray[np.int64]:
+        """How many keyframes see each landmark."""
+        return np.bincount(np.concatenate([f.landmark for f in self.keyframes]), minlength=len(self.xyz))
+
+    def _relabel(self, number: NDArray[np.int64]) -> None:
+        """Give all landmarks new numbers, -1 to those that go; of two that become one a keyframe keeps one sight."""
         for k, frame in enumerate(self.keyframes):
-            stays = kept[frame.landmark]
-            self.keyframes[k] = replace(
-                frame, landmark=number[frame.landmark[stays]], uv=frame.uv[stays], disparity=frame.disparity[stays]
-            )
+            landmark = number[frame.landmark]
+            _, first = np.unique(landmark, return_index=True)
+            rows = np.sort(first[landmark[first] >= 0])
+            self._change(k, landmark=landmark[rows], uv=frame.uv[rows], disparity=frame.disparity[rows])
+
+    def _thin(self) -> None:
+        """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
+
+        A keyframe goes if nine tenths of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an
+        older one looks from about there at the same: each place keeps a bounded number.
+        """
+        counts, kept = self._counts(), self.keyframes[:1]
+        for k, frame in enumerate(self.keyframes[1:], 1):
+            heir = self._heir(frame, kept, counts) if k < len(self.keyframes) - self.window else None
+            if heir is None:
+                kept.append(frame)
+            else:
+                counts[frame.landmark] -= 1
+                self.dropped.append((frame.index, heir.index, inverse(heir.T_world_camera) @ frame.T_world_camera))
+        self.keyframes = kept
+
+    def _heir(self, frame: Keyframe, older: list[Keyframe], counts: NDArray[np.int64]) -> Keyframe | None:
+        """Which older keyframe can stand for one, if it can go."""
+        if (counts[frame.landmark] > _SEEN_ENOUGH).mean() >= _REDUNDANT:
+            return older[-1]
+        T = frame.T_world_camera
+        depth = np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
+        long_ago = older[: -self.window]  # others are not a place that the camera came back to
+        poses = np.array([other.T_world_camera for other in long_ago]).reshape(-1, 4, 4)
+        away = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
+        close = (away < _CLOSE * depth) & (poses[:, :3, 2] @ T[:3, 2] > _SAME_WAY)
+        for k in np.flatnonzero(close):
+            if np.isin(frame.landmark, long_ago[k].landmark).mean() >= _SHARED:
+                return long_ago[k]
+        return None
+
+    def fuse(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
+        """Make each landmark of `other` one with that of `landmark`, which stays where it is."""
+        number = np.arange(len(self.xyz))
+        number[other] = landmark
+        self._relabel(number)
+
+    def bend(self, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
+        """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as keyframe number `place` knows.
+
+        The keyframes since then take their share of T by the way they have come, and their landmarks go with them; the
+        next adjustment is of the whole map.
+        """
+        centres = np.array([f.T_world_camera[:3, 3] for f in self.keyframes[place:]] + [T_world_camera[:3, 3]])
+        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))
+        born = np.full(len(self.xyz), place)
+        for k in range(len(self.keyframes) - 1, place, -1):
+            born[self.keyframes[k].landmark] = k
+        for frame in self.keyframes[: place + 1]:
+            born[frame.landmark] = place
+        for k in range(place + 1, len(self.keyframes)):
+            part = repeated(T, way[k - place - 1] / way[-1])
+            self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera))
+            self.xyz[born == k] = self.xyz[born == k] @ part[:3, :3].T + part[:3, 3]
+        self.is_bent = True
 
     def adjustment(self) -> Callable[[], Adjustment] | None:
         """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
 
+        Of a map that was bent, all keyframes but the first.
+
         It works on copies, so the map can be used meanwhile.
         """
+        if self.is_bent and len(self.keyframes) <= _MOST_AT_ONCE:
+            return self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
         moving = self.keyframes[-self.window :]
         if len(moving) < 2:
             return None
@@ -276,8 +370,6 @@ class Map:
         parts = np.split(good, np.searchsorted(pose, np.arange(1, len(frames))))
         for frame, T, stays in zip(frames, found.T_world_camera, parts, strict=True):
             k = place[frame.index]
-            image = self.keyframes[k].image
-            self.keyframes[k] = Keyframe(
-                frame.index, T, image, frame.landmark[stays], frame.uv[stays], frame.disparity[stays]
-            )
+            sights = {name: getattr(frame, name)[stays] for name in ("landmark", "uv", "disparity")}
+            self._change(k, T_world_camera=T, **sights)
         self.offset.update(found.offset, found.offset_std)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,10 @@ from .mapping import Map, NewPoints
 from .matching import RowMatcher, level_rows
 from .orb import OrbDetector
 from .reconstruct import Detector, Matcher, Stereo, see
+from .loops import MOST_DRIFT, joined, recognised, seen_again
 from .rig import check_pair
 from .se3 import inverse, normalised, repeated
-from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined, resected
+from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined
 from .windows import smooth_plane
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
@@ -169,7 +170,7 @@ class Odometry:
         )  # fmt: skip
         self._detect, self._match, self._near = detector or OrbDetector(), matcher or RowMatcher(), RowMatcher().near
         self._stamps: list[float] = []
-        self._anchors: list[tuple[int, FloatArray]] = []  # place of the keyframe, T_keyframe_camera
+        self._anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
         self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
         self.unsolved = 0
         self._watch = Stopwatch()
@@ -184,7 +185,8 @@ class Odometry:
     @property
     def trajectory(self) -> Trajectory:
         """Poses of all frames so far, those of keyframes as adjusted since."""
-        poses = [self.map.keyframes[at].T_world_camera @ T for at, T in self._anchors]
+        pose_of = {frame.index: frame.T_world_camera for frame in self.map.keyframes}
+        poses = [pose_of[index] @ T for index, T in self._anchors]
         return Trajectory(np.array(self._stamps), np.array(poses).reshape(-1, 4, 4))
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -192,7 +194,7 @@ class Odometry:
         counts = self._wanted, self._lost, self.unsolved, self._asked is not None
         return self.map.state() | {
             "stamps": np.array(self._stamps),
-            "anchors": np.array([at for at, _ in self._anchors], np.int64),
+            "anchors": np.array([index for index, _ in self._anchors], np.int64),
             "anchored": np.array([T for _, T in self._anchors]).reshape(-1, 4, 4),
             "poses": np.stack([self._pose, self._motion]),
             "counts": np.array(counts, np.int64),
@@ -247,10 +249,12 @@ class Odometry:
         self._watch.lap("wait")
         fix = self._locate(pair, image)
         self._watch.lap("follow")
-        pose = self._ahead(pair.stamp) if fix is None else fix.T_world_camera
-        self._motion, self._pose = normalised(inverse(self._pose) @ pose), pose
-        self._lost = self._lost + 1 if fix is None else 0
-        stereo = self._grow(pair, image, fix) if self._wants_keyframe(fix) else None
+        was_lost, self._lost = self._lost > 0, self._lost + 1 if fix is None else 0
+        ahead = self._ahead(pair.stamp)
+        pose = ahead if fix is None else fix.T_world_camera
+        moved = ahead if was_lost else pose  # what was guessed says nothing of the motion since
+        self._motion, self._pose = normalised(inverse(self._pose) @ moved), pose
+        stereo = self._grow(pair, image, fix) if self._wants_keyframe(fix, was_lost) else None
         self._remember(pair.stamp)
         covariance, matches = (np.full((6, 6), np.inf), 0) if fix is None else (fix.covariance, len(fix))
         is_keyframe = stereo is not None
@@ -260,7 +264,7 @@ class Odometry:
         """Make the first frame the first keyframe."""
         stereo = see(pair, self._detect, self._match)
         self._watch.lap("points")
-        self._add(image, None, stereo)
+        self._add(pair, image, None, stereo)
         self._remember(pair.stamp)
         return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo, self._watch.seconds)
 
@@ -269,8 +273,7 @@ class Odometry:
         references, xyz = self.map.references(), self.map.xyz
         fix = locate(self.rig, image, references, xyz, self._ahead(pair.stamp))
         if fix is None:
-            recognised = self._recognise(pair)
-            fix = None if recognised is None else locate(self.rig, image, references, xyz, recognised)
+            fix = self._recognise(pair, image)
         if fix is None:
             return None
         disparity = self._disparities(pair, image, fix) - self.map.offset.value
@@ -280,10 +283,10 @@ class Odometry:
             better.covariance,
         )  # fmt: skip
 
-    def _recognise(self, pair: StereoPair) -> FloatArray | None:
-        """Pose from descriptors alone."""
+    def _recognise(self, pair: StereoPair, image: Pyramid) -> Fix | None:
+        """Pose from descriptors alone, then from landmarks followed."""
         features = self._detect(grey_levels(pair.left))
-        return resected(self.rig, features.uv, binary_words(features.descriptor), self.map.xyz, self.map.words)
+        return recognised(self.map, image, features.uv, binary_words(features.descriptor))
 
     def _disparities(self, pair: StereoPair, image: Pyramid, fix: Fix) -> FloatArray:
         """Disparities of a fix's landmarks, near where the fix has them."""
@@ -303,11 +306,11 @@ class Odometry:
         share = (stamp - self._stamps[-1]) / last if last > 0 else 1.0
         return normalised(self._pose @ repeated(self._motion, min(share, _LONGEST)))
 
-    def _wants_keyframe(self, fix: Fix | None) -> bool:
-        """Whether few of the last keyframe's landmarks are left, or none for a while: then the map begins anew."""
+    def _wants_keyframe(self, fix: Fix | None, was_lost: bool) -> bool:
+        """Whether few of the last keyframe's landmarks are left, or a lost camera is found; or the map begins anew."""
         if fix is None:
             return self._lost >= self.tracking.patience
-        return len(fix) < self.tracking.keyframe_share * self._wanted
+        return was_lost or len(fix) < self.tracking.keyframe_share * self._wanted
 
     def _grow(self, pair: StereoPair, image: Pyramid, fix: Fix | None) -> Stereo | None:
         """Make a frame a keyframe, if its images show enough, and have the last ones adjusted."""
@@ -320,15 +323,41 @@ class Odometry:
         self._watch.lap("points")
         if np.isfinite(stereo.disparity).sum() < LEAST_MATCHES:
             return None
-        self._add(image, fix, stereo)
+        if fix is not None:
+            fix = self._revisit(pair, image, fix, stereo)
+        self._add(pair, image, fix, stereo)
         return stereo
 
-    def _add(self, image: Pyramid, fix: Fix | None, stereo: Stereo) -> None:
+    def _revisit(self, pair: StereoPair, image: Pyramid, fix: Fix, stereo: Stereo) -> Fix:
+        """The fix and what is seen again of places left long ago; where the map has drifted, it is bent into place."""
+        fix = replace(fix, T_world_camera=self._pose)
+        words = binary_words(stereo.left.descriptor)
+        seen = seen_again(self.map, image, fix, stereo.left.uv, words)
+        if seen is None:
+            return fix
+        again = replace(seen.fix, disparity=self._disparities(pair, image, seen.fix))
+        if seen.drift > MOST_DRIFT:
+            T = normalised(again.T_world_camera @ inverse(self._pose))
+            self.map.bend(seen.place, T, self._pose)
+            self._pose = again.T_world_camera
+        fix = joined(self.map, again, replace(fix, T_world_camera=self._pose))
+        self._pose = fix.T_world_camera
+        return fix
+
+    def _add(self, pair: StereoPair, image: Pyramid, fix: Fix | None, stereo: Stereo) -> None:
         new = NewPoints(stereo.left.uv, stereo.disparity, binary_words(stereo.left.descriptor))
-        self.map.add(len(self._stamps), self._pose, image, fix, new)
+        images = image, np.array(grey_levels(pair.left))
+        self.map.add(len(self._stamps), self._pose, images, fix, new)
+        self._hand_over()
         self._wanted = len(self.map.keyframes[-1].landmark)
         self._row_offset = stereo.quality.vertical_offset_px
         self._ask()
+
+    def _hand_over(self) -> None:
+        """Frames that were placed by keyframes which are no more go to those that took over."""
+        while self.map.dropped:
+            gone, heir, T = self.map.dropped.pop(0)
+            self._anchors = [(heir, T @ pose) if index == gone else (index, pose) for index, pose in self._anchors]
 
     def _ask(self) -> None:
         """Have the last keyframes adjusted."""
@@ -345,6 +374,8 @@ class Odometry:
         except GeometryError:  # what was seen does not fix the keyframes: they stay
             self.unsolved += 1
             return
+        finally:
+            self.map.is_bent = False
         before = self._last_pose()
         self.map.apply(found)
         self._follow_map(before)
@@ -358,8 +389,7 @@ class Odometry:
 
     def _remember(self, stamp: float) -> None:
         self._stamps.append(stamp)
-        last = len(self.map.keyframes) - 1
-        self._anchors.append((last, inverse(self.map.keyframes[last].T_world_camera) @ self._pose))
+        self._anchors.append((self.map.keyframes[-1].index, inverse(self._last_pose()) @ self._pose))
 
     def _check(self, pair: StereoPair) -> None:
         if pair.rig != self.rig:

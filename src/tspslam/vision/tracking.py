@@ -219,6 +219,17 @@ def resected(
     return T
 
 
+def nearest_words(words: NDArray[np.uint64], wanted: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Rows of `wanted` that are near to some of `words`, each word's nearest."""
+    import cv2
+
+    if min(len(words), len(wanted)) < 1 or words.shape[1] == 0:
+        return np.empty(0, np.int64)
+    found = cv2.BFMatcher(cv2.NORM_HAMMING).match(words.view(np.uint8), wanted.view(np.uint8))
+    most = _MOST_BITS * words.shape[1] / 4
+    return np.array([one.trainIdx for one in found if one.distance <= most], np.int64)
+
+
 def _recognised(words: NDArray[np.uint64], wanted: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Keypoints and landmarks that are each other's nearest, and clearly so."""
     import cv2

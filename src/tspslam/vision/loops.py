@@ -1,0 +1,152 @@
+"""Places seen before: which keyframes a camera may have come back to, and which of their landmarks it sees again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import BoolArray, FloatArray
+from .following import Pyramid, pyramid
+from .mapping import Keyframe, Map
+from .rig import project
+from .tracking import LEAST_MATCHES, Fix, Reference, locate, nearest_words, refined, resected
+
+MOST_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
+_TRIED, _TRIED_LOST = 2, 5  # keyframes that a camera may have come back to, or be near when it is lost
+_SAMPLE = 400  # descriptors that say which keyframes a lost camera may be near
+_NEAR, _DRIFT = 0.3, 0.02  # m away per m of depth, and per m of the way since
+_ALIKE = np.cos(np.radians(40))  # of the angle between viewing directions
+_KNOWN = 0.3  # share of a keyframe's landmarks that are seen anyway: it is no news
+_LEAST_AGAIN = 30  # landmarks that prove a place
+_SAME = 1.0  # px between two landmarks, in u, v and disparity, that are one
+
+
+@dataclass(frozen=True)
+class SeenAgain:
+    """A keyframe's landmarks in a new image.
+
+    Attributes
+    ----------
+    place : int
+        Which keyframe of the map.
+    fix : Fix
+        Its landmarks, and the pose that they give, without disparities.
+    drift : float
+        How far off the camera's pose had them, median, px.
+    """
+
+    place: int
+    fix: Fix
+    drift: float
+
+
+def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDArray[np.uint64]) -> SeenAgain | None:
+    """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are followed.
+
+    Parameters
+    ----------
+    world : Map
+        Keyframes and landmarks.
+    image : Pyramid
+        The new image.
+    fix : Fix
+        Its pose, and the landmarks that are followed.
+    uv : (N, 2) float64
+        Its keypoints, px.
+    words : (N, D) uint64
+        Their descriptors.
+    """
+    followed = np.zeros(len(world.xyz), np.bool_)
+    followed[fix.landmark] = True
+    for place in places_near(world, fix, followed):
+        frame = world.keyframes[place]
+        T = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
+        reference = _reference(frame, ~followed[frame.landmark])
+        found = locate(world.rig, image, [reference], world.xyz, fix.T_world_camera if T is None else T)
+        if found is not None and len(found) >= _LEAST_AGAIN:
+            return SeenAgain(place, found, _drift(world, found, fix.T_world_camera))
+    return None
+
+
+def places_near(world: Map, fix: Fix, followed: BoolArray) -> list[int]:
+    """Older keyframes with an image, near a camera and looking its way, whose landmarks it does not follow."""
+    T, frames = fix.T_world_camera, world.keyframes[: -world.window]
+    if not frames:
+        return []
+    poses = np.array([frame.T_world_camera for frame in world.keyframes])
+    depth = float(np.median((world.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]))
+    steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    way = np.cumsum(steps[::-1])[::-1][: len(frames)]
+    away = np.linalg.norm(poses[: len(frames), :3, 3] - T[:3, 3], axis=1)
+    near: BoolArray = (away <= _NEAR * depth + _DRIFT * way) & (poses[: len(frames), :3, 2] @ T[:3, 2] >= _ALIKE)
+    order = sorted(np.flatnonzero(near), key=lambda k: float(away[k]))
+    return [int(k) for k in order if _is_news(frames[k], followed)][:_TRIED]
+
+
+def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
+    return frame.grey is not None and bool(followed[frame.landmark].mean() < _KNOWN)
+
+
+def _drift(world: Map, found: Fix, T: FloatArray) -> float:
+    """How far a camera at T would see landmarks from where they are, median, px."""
+    expected = project(world.rig, (world.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
+    return float(np.median(np.linalg.norm(expected - found.uv, axis=1)))
+
+
+def joined(world: Map, again: Fix, fix: Fix) -> Fix:
+    """Both fixes as one: landmarks in the same place become one in the map, and all that agree give the pose.
+
+    Disparities are as measured.
+    """
+    from scipy.spatial import cKDTree
+
+    places = np.column_stack([again.uv, again.disparity]), np.column_stack([fix.uv, fix.disparity])
+    known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
+    tree = cKDTree(places[0][known[0]])
+    away, nearest = map(np.asarray, tree.query(places[1][known[1]], distance_upper_bound=_SAME))
+    same = np.isfinite(away)
+    others, first = known[1][same], known[0][nearest[same]]
+    world.fuse(again.landmark[first], fix.landmark[others])
+    rest = np.setdiff1d(np.arange(len(fix)), others)
+    both = replace(
+        fix,
+        landmark=np.concatenate([again.landmark, fix.landmark[rest]]),
+        uv=np.concatenate([again.uv, fix.uv[rest]]),
+        disparity=np.concatenate([again.disparity, fix.disparity[rest]]),
+    )
+    offset = world.offset.value
+    better = refined(world.rig, both, world.xyz, both.disparity - offset, world.sigma_disparity)
+    return replace(better, disparity=better.disparity + offset)
+
+
+def recognised(world: Map, image: Pyramid, uv: FloatArray, words: NDArray[np.uint64]) -> Fix | None:
+    """Where a lost camera is: found by its descriptors among the landmarks of one keyframe, None if of none.
+
+    Tried are the last keyframes, then those of which the image has most. Parameters as `seen_again`.
+    """
+    last = world.references()
+    for frame in [*world.keyframes[: -len(last) - 1 : -1], *_most_alike(world.keyframes[: -len(last)], world, words)]:
+        found = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
+        if found is not None:
+            own = [] if frame.image is not None else [_reference(frame, np.ones(len(frame.landmark), np.bool_))]
+            fix = locate(world.rig, image, own or last, world.xyz, found)
+            if fix is not None:
+                return fix
+    return None
+
+
+def _most_alike(frames: list[Keyframe], world: Map, words: NDArray[np.uint64]) -> list[Keyframe]:
+    """The keyframes with an image of whose landmarks most are the nearest to a sample of descriptors."""
+    sample = words[:: max(1, len(words) // _SAMPLE)]
+    is_seen = np.zeros(len(world.xyz), np.bool_)
+    is_seen[nearest_words(sample, world.words)] = True
+    votes = np.array([is_seen[frame.landmark].sum() if frame.grey is not None else 0 for frame in frames])
+    return [frames[k] for k in np.argsort(-votes, kind="stable")[:_TRIED_LOST] if votes[k] >= LEAST_MATCHES]
+
+
+def _reference(frame: Keyframe, wanted: BoolArray) -> Reference:
+    """Some landmarks of an older keyframe, to be followed."""
+    assert frame.grey is not None
+    return Reference(pyramid(frame.grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])

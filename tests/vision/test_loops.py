@@ -1,0 +1,249 @@
+"""A camera that comes back: old landmarks are seen again, the map is closed, and it stops growing."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam import Trajectory, evaluate_trajectory
+from tspslam.datasets import synthetic
+from tspslam.vision import mapping
+from tspslam.vision.following import pyramid
+from tspslam.vision.odometry import Odometry
+from tspslam.vision.orb import OrbDetector
+from tspslam.vision.loops import MOST_DRIFT, joined, places_near, recognised, seen_again
+from tspslam.vision.se3 import inverse
+from tspslam.vision.tracking import Fix, binary_words
+
+from ..sequences import RIG, corridor
+
+DETECTOR = OrbDetector(count=800)
+THERE = 40  # frames; 0.5 m each
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Pairs and true poses of a walk down a corridor."""
+    sequence = corridor(THERE * 0.5)
+    return [sequence[k] for k in range(THERE)], sequence.truth[:THERE]
+
+
+def to_and_fro(walk, passes):
+    """The walk there, back, there, ...: pairs and true poses."""
+    legs = (range(THERE) if k % 2 == 0 else range(THERE - 1, -1, -1) for k in range(passes))
+    order = list(itertools.chain(*legs))
+    return [replace(walk[0][k], stamp=float(n), index=n) for n, k in enumerate(order)], walk[1][order]
+
+
+def went(pairs):
+    odometry = Odometry(RIG, detector=DETECTOR)
+    for pair in pairs:
+        odometry.process(pair)
+    return odometry
+
+
+def off(odometry, truth):
+    T = odometry.trajectory
+    return evaluate_trajectory(T, Trajectory(T.stamp, truth[: len(T.stamp)])).ate_rmse_m
+
+
+def size(odometry):
+    frames = odometry.map.keyframes
+    return np.array([len(odometry.map.xyz), len(frames), sum(len(frame.landmark) for frame in frames)])
+
+
+def test_a_map_of_one_place_stops_growing(walk):
+    pairs, truth = to_and_fro(walk, 8)
+    odometry, sizes = Odometry(RIG, detector=DETECTOR), []
+    for k, pair in enumerate(pairs, 1):
+        odometry.process(pair)
+        if k % (2 * THERE) == 0:
+            sizes.append(size(odometry))
+    once, *_, last = sizes
+    assert (last <= 1.8 * once).all(), sizes
+    assert (last <= 1.15 * sizes[-2]).all(), sizes
+    odometry.finish()
+    assert off(odometry, truth) < 0.01
+
+
+def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk):
+    pairs, _ = to_and_fro(walk, 6)
+    odometry = Odometry(RIG, detector=DETECTOR)
+    before, gone = None, 0
+    thin = odometry.map._thin
+
+    def watched():
+        nonlocal gone
+        thin()
+        gone += len(odometry.map.dropped)
+
+    odometry.map._thin = watched
+    for pair in pairs:
+        odometry.process(pair)
+        for frame in odometry.map.keyframes:
+            assert len(np.unique(frame.landmark)) == len(frame.landmark)
+        assert not odometry.map.dropped
+    assert gone > 0
+    odometry.finish()
+    before = odometry.trajectory.T_world_camera
+    odometry.map.keyframes[1:-7] = [replace(frame) for frame in odometry.map.keyframes[1:-7]]
+    while not odometry.map.dropped:  # fewer and fewer are needed
+        mapping._SEEN_ENOUGH, kept = mapping._SEEN_ENOUGH - 1, mapping._SEEN_ENOUGH
+        thin()
+    mapping._SEEN_ENOUGH = kept
+    odometry._hand_over()
+    np.testing.assert_allclose(odometry.trajectory.T_world_camera, before, atol=1e-9)
+
+
+@pytest.fixture
+def bent(walk):
+    """An odometry that walked there, whose map was then bent as by a drift of 6 cm and half a degree."""
+    pairs, truth = to_and_fro(walk, 2)
+    odometry = went(pairs[:THERE])
+    odometry._join()
+    T = np.eye(4)
+    T[:3, 3] = 0.05, 0.0, 0.03
+    c, s = np.cos(0.004), np.sin(0.004)
+    T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    before = odometry._last_pose()
+    odometry.map.bend(0, T, odometry._pose)
+    odometry.map.is_bent = False
+    odometry._follow_map(before)
+    return odometry, pairs, truth
+
+
+def test_a_loop_is_closed_and_the_drift_goes(monkeypatch):
+    sequence = synthetic.SyntheticSequence(synthetic.room(laps=1.25, frames=60), RIG, synthetic.Faults(noise=0.01))
+    pairs, bends, bend = list(sequence), [], mapping.Map.bend
+    monkeypatch.setattr(mapping.Map, "bend", lambda world, *given: (bends.append(given[0]), bend(world, *given)))
+    closed = went(pairs)
+    assert bends == [0]
+    monkeypatch.setattr("tspslam.vision.odometry.seen_again", lambda *_: None)
+    assert off(closed, sequence.truth) < 0.7 * off(went(pairs), sequence.truth)
+
+
+def test_bending_moves_what_came_since_and_nothing_before(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    world, T = odometry.map, np.eye(4)
+    T[:3, 3] = 0.1, 0, 0
+    before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
+    world.bend(2, T, odometry._pose)
+    moved = np.array([(frame.T_world_camera - T0)[0, 3] for frame, T0 in zip(world.keyframes, before, strict=True)])
+    assert (moved[:3] == 0).all()
+    assert (np.diff(moved[2:]) > 0).all()
+    assert moved[-1] <= 0.1 + 1e-12
+    old = np.unique(np.concatenate([frame.landmark for frame in world.keyframes[:3]]))
+    assert np.array_equal(world.xyz[old], xyz[old])
+    last = np.setdiff1d(world.keyframes[-1].landmark, np.concatenate([f.landmark for f in world.keyframes[:-1]]))
+    np.testing.assert_allclose(world.xyz[last] - xyz[last], [[moved[-1], 0, 0]] * len(last), atol=1e-12)
+
+
+def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    world, image = odometry.map, pyramid(walk[0][3].left)
+    features = DETECTOR(walk[0][3].left)
+    T = walk[1][3].copy()
+    T[0, 3] += 0.05
+    fix = Fix(T, world.keyframes[-1].landmark, world.keyframes[-1].uv, world.keyframes[-1].disparity, np.eye(6))
+    found = seen_again(world, image, fix, features.uv, binary_words(features.descriptor))
+    assert found is not None
+    assert np.linalg.norm((found.fix.T_world_camera - walk[1][3])[:3, 3]) < 0.01
+    assert found.drift > MOST_DRIFT
+    assert len(found.fix) >= 30
+
+
+def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    world = odometry.map
+    frame = world.keyframes[0]
+    here = Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
+    none = np.zeros(len(world.xyz), np.bool_)
+    assert places_near(world, here, none)[0] == 0
+    assert 0 not in places_near(world, here, ~none)
+    turned = here.T_world_camera @ np.diag([-1.0, 1, -1, 1])
+    assert places_near(world, replace(here, T_world_camera=turned), none) == []
+    beyond = here.T_world_camera.copy()
+    beyond[2, 3] -= 50
+    assert places_near(world, replace(here, T_world_camera=beyond), none) == []
+
+
+def test_landmarks_in_one_place_become_one(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    world = odometry.map
+    frame = world.keyframes[-1]
+    n = len(frame.landmark)
+    twin = np.arange(len(world.xyz), len(world.xyz) + n)
+    again = Fix(frame.T_world_camera, twin, frame.uv + 0.2, frame.disparity, np.eye(6))
+    world.xyz, world.words = np.concatenate([world.xyz, world.xyz[frame.landmark]]), np.tile(world.words, (2, 1))
+    fix = joined(world, again, Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6)))
+    known = np.isfinite(frame.disparity)
+    assert np.isin(twin[known], world.keyframes[-1].landmark).all()
+    assert not np.isin(frame.landmark[known], world.keyframes[-1].landmark).any()
+    assert len(np.unique(fix.landmark)) == len(fix.landmark)
+
+
+def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
+    pairs, truth = walk
+    blind = [replace(pairs[0], left=0 * pairs[0].left, right=0 * pairs[0].right) for _ in range(2)]
+    order = [*pairs[:30], *blind, *pairs[4:12]]
+    odometry = Odometry(RIG, detector=DETECTOR)
+    tracked = [odometry.process(replace(pair, stamp=float(n))) for n, pair in enumerate(order)]
+    assert [n for n, one in enumerate(tracked) if one.is_lost] == [30, 31]
+    assert tracked[32].is_keyframe
+    for k, one in enumerate(tracked[32:]):
+        np.testing.assert_allclose(one.T_world_camera[:3, 3], truth[4 + k][:3, 3], atol=0.03)
+
+
+def test_nobody_is_recognised_where_nobody_was(walk):
+    odometry = went(walk[0][:12])
+    odometry._join()
+    noise = np.random.default_rng(0).integers(0, 255, walk[0][0].left.shape[:2]).astype(np.uint8)
+    features = DETECTOR(noise)
+    words = binary_words(features.descriptor)
+    assert recognised(odometry.map, pyramid(noise), features.uv, words) is None
+
+
+def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
+    monkeypatch.setattr(mapping, "_MOST_IMAGES", 1)
+    odometry = went(to_and_fro(walk, 3)[0])
+    held = [frame.grey is not None for frame in odometry.map.keyframes]
+    assert sum(held) <= 14
+    assert all(held[-7:])
+
+
+@pytest.mark.parametrize("stop", [2 * THERE - 7, 2 * THERE + 15])
+def test_going_on_from_a_state_gives_the_same_bytes(bent, stop):
+    """Also where a loop is just being closed."""
+    odometry, pairs, _ = bent
+    pairs = pairs + [replace(pair, stamp=pair.stamp + 2 * THERE) for pair in pairs]
+    for pair in pairs[THERE:stop]:
+        odometry.process(pair)
+    other = Odometry(RIG, detector=DETECTOR)
+    other.restore(odometry.state(), lambda number: pairs[number].left)
+    for one in (odometry, other):
+        for pair in pairs[stop : stop + 20]:
+            one.process(pair)
+        one.finish()
+    assert np.array_equal(odometry.trajectory.T_world_camera, other.trajectory.T_world_camera)
+    assert np.array_equal(odometry.map.xyz, other.map.xyz)
+
+
+def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
+    odometry, pairs, _ = bent
+    for pair in pairs[THERE:]:
+        odometry.process(pair)
+        if odometry.map.is_bent and odometry._asked is not None:
+            break
+    else:
+        pytest.fail("no loop was closed")
+    other = Odometry(RIG, detector=DETECTOR)
+    other.restore(odometry.state(), lambda number: pairs[number].left)
+    for one in (odometry, other):
+        one.finish()
+    assert np.array_equal(odometry.trajectory.T_world_camera, other.trajectory.T_world_camera)
+    assert inverse(odometry.trajectory.T_world_camera[0])[0, 0] == pytest.approx(1, abs=1e-6)
