@@ -10,9 +10,9 @@ from tspslam import Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
 from tspslam.vision import mapping
 from tspslam.vision.following import pyramid
+from tspslam.vision.loops import MOST_DRIFT, joined, places_near, recognised, seen_again
 from tspslam.vision.odometry import Odometry
 from tspslam.vision.orb import OrbDetector
-from tspslam.vision.loops import MOST_DRIFT, joined, places_near, recognised, seen_again
 from tspslam.vision.se3 import inverse
 from tspslam.vision.tracking import Fix, binary_words
 

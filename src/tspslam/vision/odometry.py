@@ -17,11 +17,11 @@ from .bundle import Adjustment
 from .dense import checked_map, sample_map
 from .features import check_ranges, grey_levels
 from .following import Pyramid, pyramid
+from .loops import MOST_DRIFT, joined, recognised, seen_again
 from .mapping import Map, NewPoints
 from .matching import RowMatcher, level_rows
 from .orb import OrbDetector
 from .reconstruct import Detector, Matcher, Stereo, see
-from .loops import MOST_DRIFT, joined, recognised, seen_again
 from .rig import check_pair
 from .se3 import inverse, normalised, repeated
 from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined
