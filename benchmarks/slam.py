@@ -53,13 +53,17 @@ def held(name: str, sequence: synthetic.SyntheticSequence) -> Held:
 
 def worlds(small: bool) -> Iterator[Held]:
     length = 30.0 if small else 300.0
-    yield held(f"street, {length:g} m, 1226 x 370", synthetic.SyntheticSequence(synthetic.street(length), WIDE, NOISE))
+    yield held(f"street, {length:g} m, 1226 x 370", street(length))
     yield held(f"corridor, {length:g} m, 512 x 384", corridor(length))
     laps = 0.1 if small else 1.0
     yield held(f"room, {laps:g} lap, 752 x 480", synthetic.SyntheticSequence(synthetic.room(laps=laps), ROOM, NOISE))
     yield held(
         "still camera, 512 x 384", synthetic.SyntheticSequence(synthetic.still(20 if small else 200), faults=NOISE)
     )
+
+
+def street(length: float) -> synthetic.SyntheticSequence:
+    return synthetic.SyntheticSequence(synthetic.street(length), WIDE, NOISE)
 
 
 def corridor(length: float) -> synthetic.SyntheticSequence:

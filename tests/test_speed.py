@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import spectral, topology
+from benchmarks import slam, spectral, topology
 
 
 def best(figures, key="ratio", attempts=3):
@@ -50,3 +50,9 @@ def test_four_responses_cost_less_than_two_and_a_half():
 def test_t_mahf_costs_a_small_share_of_our_own_mahf():
     """The paper: 0.6; measured: 0.01 to 0.03."""
     assert best(lambda: spectral.stage_figures(1_000)) < 0.2
+
+
+def test_a_street_is_processed_faster_than_opencvs_parts_go_from_frame_to_frame():
+    """Measured 1.4 times as fast, with maps, complexes and files; OpenCV's parts make a path only."""
+    source = slam.held("street", slam.street(12.0))
+    assert min(slam.ours(source)[1] / slam.naive(source)[1] for _ in range(3)) < 1.0

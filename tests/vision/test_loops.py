@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tspslam import Trajectory, evaluate_trajectory
+from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
 from tspslam.vision import mapping
 from tspslam.vision.following import pyramid
@@ -162,13 +162,37 @@ def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(walk):
     frame = world.keyframes[0]
     here = Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
     none = np.zeros(len(world.xyz), np.bool_)
-    assert places_near(world, here, none)[0] == 0
-    assert 0 not in places_near(world, here, ~none)
+    assert places_near(world, here, none)[0][0] == 0
+    assert 0 not in dict(places_near(world, here, ~none))
     turned = here.T_world_camera @ np.diag([-1.0, 1, -1, 1])
     assert places_near(world, replace(here, T_world_camera=turned), none) == []
     beyond = here.T_world_camera.copy()
     beyond[2, 3] -= 50
     assert places_near(world, replace(here, T_world_camera=beyond), none) == []
+
+
+def test_a_place_too_far_for_any_drift_is_not_believed(walk):
+    """Such as the same poster on another wall."""
+    odometry = went(walk[0])
+    odometry._join()
+    image, features = pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
+    words, frame, T = binary_words(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
+    for shift, is_found in ((0.05, True), (1.5, False)):
+        T[0, 3] = shift
+        fix = Fix(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
+        assert (seen_again(odometry.map, image, fix, features.uv, words) is not None) is is_found
+
+
+def test_a_camera_that_only_turned_is_bent_too(walk):
+    odometry = went(walk[0][:12])
+    odometry._join()
+    world, T = odometry.map, np.eye(4)
+    for k in range(len(world.keyframes)):
+        world._change(k, T_world_camera=np.eye(4))
+    T[:3, 3] = 0.1, 0, 0
+    world.bend(0, T, np.eye(4))
+    moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])
+    np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
 
 
 def test_landmarks_in_one_place_become_one(walk):
@@ -247,3 +271,11 @@ def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
         one.finish()
     assert np.array_equal(odometry.trajectory.T_world_camera, other.trajectory.T_world_camera)
     assert inverse(odometry.trajectory.T_world_camera[0])[0, 0] == pytest.approx(1, abs=1e-6)
+
+
+def test_a_state_whose_frames_hang_on_no_keyframe_is_refused(walk):
+    odometry = went(walk[0][:5])
+    state = odometry.state()
+    state["anchors"] = state["anchors"] + 100
+    with pytest.raises(InputError, match="the state does not hold together"):
+        Odometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)

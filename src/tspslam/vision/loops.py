@@ -16,7 +16,8 @@ from .tracking import LEAST_MATCHES, Fix, Reference, locate, nearest_words, refi
 MOST_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
 _TRIED, _TRIED_LOST = 2, 5  # keyframes that a camera may have come back to, or be near when it is lost
 _SAMPLE = 400  # descriptors that say which keyframes a lost camera may be near
-_NEAR, _DRIFT = 0.3, 0.02  # m away per m of depth, and per m of the way since
+_NEAR, _DRIFT = 0.3, 0.02  # m away per m of depth; m that a path drifts per m of the way
+_SLACK = 0.02  # m per m of depth that a path may have drifted without any way
 _ALIKE = np.cos(np.radians(40))  # of the angle between viewing directions
 _KNOWN = 0.3  # share of a keyframe's landmarks that are seen anyway: it is no news
 _LEAST_AGAIN = 30  # landmarks that prove a place
@@ -60,39 +61,50 @@ def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDAr
     """
     followed = np.zeros(len(world.xyz), np.bool_)
     followed[fix.landmark] = True
-    for place in places_near(world, fix, followed):
+    for place, slack in places_near(world, fix, followed):
         frame = world.keyframes[place]
         T = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
         reference = _reference(frame, ~followed[frame.landmark])
         found = locate(world.rig, image, [reference], world.xyz, fix.T_world_camera if T is None else T)
-        if found is not None and len(found) >= _LEAST_AGAIN:
+        if found is not None and len(found) >= _LEAST_AGAIN and _apart(found, fix) <= slack:
             return SeenAgain(place, found, _drift(world, found, fix.T_world_camera))
     return None
 
 
-def places_near(world: Map, fix: Fix, followed: BoolArray) -> list[int]:
-    """Older keyframes with an image, near a camera and looking its way, whose landmarks it does not follow."""
-    T, frames = fix.T_world_camera, world.keyframes[: -world.window]
-    if not frames:
+def places_near(world: Map, fix: Fix, followed: BoolArray) -> list[tuple[int, float]]:
+    """Older keyframes near a camera and looking its way, whose landmarks it does not follow, the nearest first.
+
+    Each with an image; and how far, in m, the path may have drifted since.
+    """
+    T, count = fix.T_world_camera, len(world.keyframes) - world.window
+    if count <= 0:
         return []
     poses = np.array([frame.T_world_camera for frame in world.keyframes])
     depth = float(np.median((world.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]))
     steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    way = np.cumsum(steps[::-1])[::-1][: len(frames)]
-    away = np.linalg.norm(poses[: len(frames), :3, 3] - T[:3, 3], axis=1)
-    near: BoolArray = (away <= _NEAR * depth + _DRIFT * way) & (poses[: len(frames), :3, 2] @ T[:3, 2] >= _ALIKE)
-    order = sorted(np.flatnonzero(near), key=lambda k: float(away[k]))
-    return [int(k) for k in order if _is_news(frames[k], followed)][:_TRIED]
+    slack = _SLACK * depth + _DRIFT * np.cumsum(steps[::-1])[::-1][:count]
+    away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
+    near = (away <= _NEAR * depth + slack) & (poses[:count, :3, 2] @ T[:3, 2] >= _ALIKE)
+    order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
+    return [(k, float(slack[k])) for k in order if _is_news(world.keyframes[k], followed)][:_TRIED]
 
 
 def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
-    return frame.grey is not None and bool(followed[frame.landmark].mean() < _KNOWN)
+    if frame.grey is None or not len(frame.landmark):
+        return False
+    return bool(followed[frame.landmark].mean() < _KNOWN)
+
+
+def _apart(one: Fix, other: Fix) -> float:
+    """How far two cameras are apart, m."""
+    return float(np.linalg.norm((one.T_world_camera - other.T_world_camera)[:3, 3]))
 
 
 def _drift(world: Map, found: Fix, T: FloatArray) -> float:
     """How far a camera at T would see landmarks from where they are, median, px."""
-    expected = project(world.rig, (world.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
-    return float(np.median(np.linalg.norm(expected - found.uv, axis=1)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = project(world.rig, (world.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
+    return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
 
 
 def joined(world: Map, again: Fix, fix: Fix) -> Fix:

@@ -25,6 +25,7 @@ _LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
 _CULLED = 10  # keyframes between cullings
 _MOST_IMAGES = 100e6  # bytes of the images of older keyframes
 _SEEN_ENOUGH, _REDUNDANT = 3, 0.9  # other keyframes that see a landmark; share of such ones that makes a keyframe go
+_LEAST_STEP = 1e-6  # m from keyframe to keyframe: a camera that only turns drifts too
 _CLOSE, _SAME_WAY, _SHARED = 0.1, np.cos(np.radians(15)), 0.3  # m per m of depth; angle; landmarks: of two alike
 _MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
@@ -273,7 +274,7 @@ class Map:
 
     def _heir(self, frame: Keyframe, older: list[Keyframe], counts: NDArray[np.int64]) -> Keyframe | None:
         """Which older keyframe can stand for one, if it can go."""
-        if (counts[frame.landmark] > _SEEN_ENOUGH).mean() >= _REDUNDANT:
+        if (counts[frame.landmark] > _SEEN_ENOUGH).sum() >= _REDUNDANT * len(frame.landmark):
             return older[-1]
         T = frame.T_world_camera
         depth = np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
@@ -299,7 +300,7 @@ class Map:
         next adjustment is of the whole map.
         """
         centres = np.array([f.T_world_camera[:3, 3] for f in self.keyframes[place:]] + [T_world_camera[:3, 3]])
-        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))
+        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + _LEAST_STEP)
         born = np.full(len(self.xyz), place)
         for k in range(len(self.keyframes) - 1, place, -1):
             born[self.keyframes[k].landmark] = k

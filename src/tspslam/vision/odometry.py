@@ -101,7 +101,8 @@ class Tracked:
     stereo : Stereo or None
         What both images show, where that was looked for.
     seconds : dict
-        Time of following, of the points of a keyframe, and of waiting for an adjustment, s; varies from run to run.
+        Time of following, of the points of a keyframe, of looking for places seen before, and of waiting for an
+        adjustment, s; varies from run to run.
     """
 
     T_world_camera: FloatArray
@@ -206,6 +207,7 @@ class Odometry:
         floats = ("stamps", "anchored", "poses", "row_offset", "xyz", "keyframe_pose", "offset")
         count = len(state["xyz"])
         beyond = bool((state.get("landmark", np.empty(0)) >= count).any())
+        beyond |= not np.isin(state["anchors"], state["keyframe_index"]).all()
         if beyond or len(state["words"]) != count or not all(np.isfinite(state[name]).all() for name in floats):
             raise InputError("odometry: the state does not hold together, expected what `state` gave")
         self.map.restore(state, image_of)
@@ -325,6 +327,7 @@ class Odometry:
             return None
         if fix is not None:
             fix = self._revisit(pair, image, fix, stereo)
+            self._watch.lap("loops")
         self._add(pair, image, fix, stereo)
         return stereo
 
