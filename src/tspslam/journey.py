@@ -26,7 +26,7 @@ from .vision._stopwatch import Stopwatch
 from .vision.rig import check_pair
 
 STATE_NAME = "state.npz"
-_MADE_BY = f"tspslam {__version__}, state 2".encode()  # others' checkpoints do not count
+_MADE_BY = f"tspslam {__version__}, state 3".encode()  # others' checkpoints do not count
 # What a checkpoint that something else has changed may raise: it does not count.
 _DAMAGED = (InputError, LookupError, OSError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 _BACKLOG = 2  # frames that may wait to be written

@@ -101,6 +101,7 @@ def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
         "tracked": len(tracked) - lost,
         "keyframes": sum(row["is_keyframe"] for row in tracked),
         "landmarks": len(odometry.map.xyz),
+        "loops": odometry.loops,
         "complex": {
             "n": sum(row["points"] for row in stored),
             **{key: sum(row[key] for row in stored) for key in ("edges", "faces", "euler")},

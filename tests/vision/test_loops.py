@@ -119,6 +119,7 @@ def test_a_loop_is_closed_and_the_drift_goes(monkeypatch):
     monkeypatch.setattr(mapping.Map, "bend", lambda world, *given: (bends.append(given[0]), bend(world, *given)))
     closed = went(pairs)
     assert bends == [0]
+    assert closed.loops == 1
     monkeypatch.setattr("tspslam.vision.odometry.seen_again", lambda *_: None)
     assert off(closed, sequence.truth) < 0.7 * off(went(pairs), sequence.truth)
 
@@ -221,6 +222,23 @@ def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
     assert tracked[32].is_keyframe
     for k, one in enumerate(tracked[32:]):
         np.testing.assert_allclose(one.T_world_camera[:3, 3], truth[4 + k][:3, 3], atol=0.03)
+
+
+def test_two_parts_of_a_map_are_joined_when_the_camera_comes_back(walk, monkeypatch):
+    pairs, truth = walk
+    order = [*range(26), *range(5, 16)]
+    monkeypatch.setattr("tspslam.vision.odometry.recognised", lambda *_: None)
+    odometry = Odometry(RIG, detector=DETECTOR)
+    tracked = [odometry.process(replace(pairs[k], stamp=float(n))) for n, k in enumerate(order)]
+    assert [n for n, one in enumerate(tracked) if one.is_lost] == [26, 27, 28]
+    assert tracked[28].is_keyframe
+    assert odometry.loops == 1
+    assert not any(frame.is_start for frame in odometry.map.keyframes)
+    odometry.finish()
+    off = (odometry.trajectory.T_world_camera - truth[order])[:, :3, 3]
+    assert np.linalg.norm(off[:26], axis=1).max() < 0.05
+    assert np.linalg.norm(off[28:], axis=1).max() < 0.05
+    assert np.linalg.norm(off[26:28], axis=1).max() > 5  # guesses
 
 
 def test_nobody_is_recognised_where_nobody_was(walk):

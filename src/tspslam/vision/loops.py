@@ -61,7 +61,7 @@ def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDAr
     """
     followed = np.zeros(len(world.xyz), np.bool_)
     followed[fix.landmark] = True
-    for place, slack in places_near(world, fix, followed):
+    for place, slack in [*places_near(world, fix, followed), *_places_before(world, words)]:
         frame = world.keyframes[place]
         T = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
         reference = _reference(frame, ~followed[frame.landmark])
@@ -74,19 +74,31 @@ def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDAr
 def places_near(world: Map, fix: Fix, followed: BoolArray) -> list[tuple[int, float]]:
     """Older keyframes near a camera and looking its way, whose landmarks it does not follow, the nearest first.
 
-    Each with an image; and how far, in m, the path may have drifted since.
+    Each with an image, and none from before the map began anew; and how far, in m, the path may have drifted since.
     """
     T, count = fix.T_world_camera, len(world.keyframes) - world.window
     if count <= 0:
         return []
+    is_older = np.arange(count) >= _last_start(world)
     poses = np.array([frame.T_world_camera for frame in world.keyframes])
     depth = float(np.median((world.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]))
     steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     slack = _SLACK * depth + _DRIFT * np.cumsum(steps[::-1])[::-1][:count]
     away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
-    near = (away <= _NEAR * depth + slack) & (poses[:count, :3, 2] @ T[:3, 2] >= _ALIKE)
+    near = is_older & (away <= _NEAR * depth + slack) & (poses[:count, :3, 2] @ T[:3, 2] >= _ALIKE)
     order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
     return [(k, float(slack[k])) for k in order if _is_news(world.keyframes[k], followed)][:_TRIED]
+
+
+def _last_start(world: Map) -> int:
+    """Keyframe with which the map last began anew and that is not yet joined to the earlier ones; else 0."""
+    return max((k for k, frame in enumerate(world.keyframes) if frame.is_start), default=0)
+
+
+def _places_before(world: Map, words: NDArray[np.uint64]) -> list[tuple[int, float]]:
+    """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
+    start = _last_start(world)
+    return [(k, np.inf) for k in _most_alike(world.keyframes[:start], world, words)] if start else []
 
 
 def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
@@ -139,7 +151,9 @@ def recognised(world: Map, image: Pyramid, uv: FloatArray, words: NDArray[np.uin
     Tried are the last keyframes, then those of which the image has most. Parameters as `seen_again`.
     """
     last = world.references()
-    for frame in [*world.keyframes[: -len(last) - 1 : -1], *_most_alike(world.keyframes[: -len(last)], world, words)]:
+    older = world.keyframes[: -len(last)]
+    alike = [older[k] for k in _most_alike(older, world, words)]
+    for frame in [*world.keyframes[: -len(last) - 1 : -1], *alike]:
         found = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
         if found is not None:
             own = [] if frame.image is not None else [_reference(frame, np.ones(len(frame.landmark), np.bool_))]
@@ -149,13 +163,13 @@ def recognised(world: Map, image: Pyramid, uv: FloatArray, words: NDArray[np.uin
     return None
 
 
-def _most_alike(frames: list[Keyframe], world: Map, words: NDArray[np.uint64]) -> list[Keyframe]:
+def _most_alike(frames: list[Keyframe], world: Map, words: NDArray[np.uint64]) -> list[int]:
     """The keyframes with an image of whose landmarks most are the nearest to a sample of descriptors."""
     sample = words[:: max(1, len(words) // _SAMPLE)]
     is_seen = np.zeros(len(world.xyz), np.bool_)
     is_seen[nearest_words(sample, world.words)] = True
-    votes = np.array([is_seen[frame.landmark].sum() if frame.grey is not None else 0 for frame in frames])
-    return [frames[k] for k in np.argsort(-votes, kind="stable")[:_TRIED_LOST] if votes[k] >= LEAST_MATCHES]
+    votes = np.array([is_seen[frame.landmark].sum() if frame.grey is not None else 0 for frame in frames], np.int64)
+    return [k for k in np.argsort(-votes, kind="stable")[:_TRIED_LOST].tolist() if votes[k] >= LEAST_MATCHES]
 
 
 def _reference(frame: Keyframe, wanted: BoolArray) -> Reference:

@@ -25,7 +25,7 @@ _LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
 _CULLED = 10  # keyframes between cullings
 _MOST_IMAGES = 100e6  # bytes of the images of older keyframes
 _SEEN_ENOUGH, _REDUNDANT = 3, 0.9  # other keyframes that see a landmark; share of such ones that makes a keyframe go
-_LEAST_STEP = 1e-6  # m from keyframe to keyframe: a camera that only turns drifts too
+_LEAST_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
 _CLOSE, _SAME_WAY, _SHARED = 0.1, np.cos(np.radians(15)), 0.3  # m per m of depth; angle; landmarks: of two alike
 _MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
@@ -52,6 +52,8 @@ class Keyframe:
         Where, px.
     disparity : (K,) float64
         As measured, px; NaN where not known.
+    is_start : bool
+        Whether the map began anew with it: its pose against the earlier ones is a guess.
     """
 
     index: int
@@ -61,6 +63,7 @@ class Keyframe:
     landmark: NDArray[np.int64]
     uv: FloatArray
     disparity: FloatArray
+    is_start: bool = False
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,7 @@ class Map:
         return columns | {
             "keyframe_index": np.array([frame.index for frame in frames], np.int64),
             "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
+            "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
             "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
             "keyframe_sights": np.array([len(frame.landmark) for frame in frames], np.int64),
             "xyz": self.xyz,
@@ -176,8 +180,9 @@ class Map:
             shown = image_of(index) if state["keyframe_has_image"][k] else None
             grey = None if shown is None else np.array(grey_levels(shown))
             image = pyramid(shown) if shown is not None and k >= len(ends) - _LOOKED_FOR else None
-            sights = (state[name][rows] for name in ("landmark", "uv", "disparity"))
-            self.keyframes.append(Keyframe(index, state["keyframe_pose"][k], image, grey, *sights))
+            landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
+            T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
+            self.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))
 
     def references(self) -> list[Reference]:
         """The last keyframes, newest first, each with the landmarks that no later one saw."""
@@ -205,7 +210,8 @@ class Map:
         landmark = np.concatenate([old.landmark, born])
         uv = np.concatenate([old.uv, new.uv[rows]])
         disparity = np.concatenate([old.disparity, new.disparity[rows]])
-        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity))
+        is_start = bool(self.keyframes) and fix is None
+        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, is_start))
         self._let_go()
 
     def _fresh(self, new: NewPoints, followed: FloatArray) -> NDArray[np.int64]:
@@ -264,7 +270,8 @@ class Map:
         """
         counts, kept = self._counts(), self.keyframes[:1]
         for k, frame in enumerate(self.keyframes[1:], 1):
-            heir = self._heir(frame, kept, counts) if k < len(self.keyframes) - self.window else None
+            may_go = k < len(self.keyframes) - self.window and not frame.is_start
+            heir = self._heir(frame, kept, counts) if may_go else None
             if heir is None:
                 kept.append(frame)
             else:
@@ -296,11 +303,13 @@ class Map:
     def bend(self, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
         """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as keyframe number `place` knows.
 
-        The keyframes since then take their share of T by the way they have come, and their landmarks go with them; the
-        next adjustment is of the whole map.
+        The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
+        step that was guessed takes almost all. The next adjustment is of the whole map.
         """
-        centres = np.array([f.T_world_camera[:3, 3] for f in self.keyframes[place:]] + [T_world_camera[:3, 3]])
-        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + _LEAST_STEP)
+        since = self.keyframes[place:]
+        centres = np.array([frame.T_world_camera[:3, 3] for frame in since] + [T_world_camera[:3, 3]])
+        guessed = np.array([frame.is_start for frame in since[1:]] + [False])
+        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _LEAST_STEP))
         born = np.full(len(self.xyz), place)
         for k in range(len(self.keyframes) - 1, place, -1):
             born[self.keyframes[k].landmark] = k
@@ -308,7 +317,7 @@ class Map:
             born[frame.landmark] = place
         for k in range(place + 1, len(self.keyframes)):
             part = repeated(T, way[k - place - 1] / way[-1])
-            self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera))
+            self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera), is_start=False)
             self.xyz[born == k] = self.xyz[born == k] @ part[:3, :3].T + part[:3, 3]
         self.is_bent = True
 

@@ -131,6 +131,8 @@ class Odometry:
         As given.
     map : Map
         Keyframes and landmarks.
+    loops : int
+        How often the map was bent because a place was seen again.
     unsolved : int
         Adjustments that had no solution.
 
@@ -173,7 +175,7 @@ class Odometry:
         self._stamps: list[float] = []
         self._anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
         self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
-        self.unsolved = 0
+        self.unsolved = self.loops = 0
         self._watch = Stopwatch()
         self._worker = ThreadPoolExecutor(1)
         self._asked: Future[Adjustment] | None = None
@@ -192,7 +194,7 @@ class Odometry:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """All that the next frame depends on, as arrays; `restore` takes them."""
-        counts = self._wanted, self._lost, self.unsolved, self._asked is not None
+        counts = self._wanted, self._lost, self.unsolved, self.loops, self._asked is not None
         return self.map.state() | {
             "stamps": np.array(self._stamps),
             "anchors": np.array([index for index, _ in self._anchors], np.int64),
@@ -214,7 +216,7 @@ class Odometry:
         self._stamps = state["stamps"].tolist()
         self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
         self._pose, self._motion = state["poses"]
-        self._wanted, self._lost, self.unsolved, asked = state["counts"].tolist()
+        self._wanted, self._lost, self.unsolved, self.loops, asked = state["counts"].tolist()
         self._row_offset = float(state["row_offset"])
         if asked:  # what was under way began from this very map
             self._ask()
@@ -342,7 +344,7 @@ class Odometry:
         if seen.drift > MOST_DRIFT:
             T = normalised(again.T_world_camera @ inverse(self._pose))
             self.map.bend(seen.place, T, self._pose)
-            self._pose = again.T_world_camera
+            self._pose, self.loops = again.T_world_camera, self.loops + 1
         fix = joined(self.map, again, replace(fix, T_world_camera=self._pose))
         self._pose = fix.T_world_camera
         return fix
