@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import FloatArray, Image, Rig
+from ..types import BoolArray, FloatArray, Image, Rig
 from .bundle import Adjustment, Observations, adjust
 from .features import grey_levels
 from .following import Pyramid, pyramid
@@ -258,6 +258,8 @@ class Map:
         """Give all landmarks new numbers, -1 to those that go; of two that become one a keyframe keeps one sight."""
         for k, frame in enumerate(self.keyframes):
             landmark = number[frame.landmark]
+            if np.array_equal(landmark, frame.landmark):
+                continue
             _, first = np.unique(landmark, return_index=True)
             rows = np.sort(first[landmark[first] >= 0])
             self._change(k, landmark=landmark[rows], uv=frame.uv[rows], disparity=frame.disparity[rows])
@@ -268,30 +270,38 @@ class Map:
         A keyframe goes if nine tenths of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an
         older one looks from about there at the same: each place keeps a bounded number.
         """
-        counts, kept = self._counts(), self.keyframes[:1]
-        for k, frame in enumerate(self.keyframes[1:], 1):
-            may_go = k < len(self.keyframes) - self.window and not frame.is_start
-            heir = self._heir(frame, kept, counts) if may_go else None
-            if heir is None:
-                kept.append(frame)
-            else:
-                counts[frame.landmark] -= 1
-                self.dropped.append((frame.index, heir.index, inverse(heir.T_world_camera) @ frame.T_world_camera))
-        self.keyframes = kept
+        counts, frames = self._counts(), self.keyframes
+        stays = np.ones(len(frames), np.bool_)
+        for k in self._seen_by_the_window():
+            heir = None if k == 0 or frames[k].is_start else self._heir(k, stays, counts)
+            if heir is not None:
+                stays[k] = False
+                counts[frames[k].landmark] -= 1
+                T = inverse(frames[heir].T_world_camera) @ frames[k].T_world_camera
+                self.dropped.append((frames[k].index, frames[heir].index, T))
+        self.keyframes = [frame for frame, left in zip(frames, stays, strict=True) if left]
 
-    def _heir(self, frame: Keyframe, older: list[Keyframe], counts: NDArray[np.int64]) -> Keyframe | None:
-        """Which older keyframe can stand for one, if it can go."""
+    def _seen_by_the_window(self) -> list[int]:
+        """Keyframes before the window that see a landmark of it: others have not changed."""
+        is_seen = np.zeros(len(self.xyz), np.bool_)
+        for frame in self.keyframes[-self.window :]:
+            is_seen[frame.landmark] = True
+        return [k for k, frame in enumerate(self.keyframes[: -self.window]) if is_seen[frame.landmark].any()]
+
+    def _heir(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
+        """Which older keyframe can stand for one, if that can go."""
+        frame = self.keyframes[k]
         if (counts[frame.landmark] > _SEEN_ENOUGH).sum() >= _REDUNDANT * len(frame.landmark):
-            return older[-1]
+            return int(np.flatnonzero(stays[:k])[-1])
         T = frame.T_world_camera
         depth = np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
-        long_ago = older[: -self.window]  # others are not a place that the camera came back to
-        poses = np.array([other.T_world_camera for other in long_ago]).reshape(-1, 4, 4)
-        away = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
-        close = (away < _CLOSE * depth) & (poses[:, :3, 2] @ T[:3, 2] > _SAME_WAY)
-        for k in np.flatnonzero(close):
-            if np.isin(frame.landmark, long_ago[k].landmark).mean() >= _SHARED:
-                return long_ago[k]
+        for other in np.flatnonzero(
+            stays[: max(k - self.window, 0)]
+        ).tolist():  # later ones are no place to come back to
+            T_other = self.keyframes[other].T_world_camera
+            near = np.linalg.norm(T_other[:3, 3] - T[:3, 3]) < _CLOSE * depth and T_other[:3, 2] @ T[:3, 2] > _SAME_WAY
+            if near and np.isin(frame.landmark, self.keyframes[other].landmark).mean() >= _SHARED:
+                return other
         return None
 
     def fuse(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
@@ -311,10 +321,8 @@ class Map:
         guessed = np.array([frame.is_start for frame in since[1:]] + [False])
         way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _LEAST_STEP))
         born = np.full(len(self.xyz), place)
-        for k in range(len(self.keyframes) - 1, place, -1):
-            born[self.keyframes[k].landmark] = k
-        for frame in self.keyframes[: place + 1]:
-            born[frame.landmark] = place
+        for k in range(len(self.keyframes) - 1, -1, -1):
+            born[self.keyframes[k].landmark] = max(k, place)
         for k in range(place + 1, len(self.keyframes)):
             part = repeated(T, way[k - place - 1] / way[-1])
             self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera), is_start=False)
@@ -324,9 +332,7 @@ class Map:
     def adjustment(self) -> Callable[[], Adjustment] | None:
         """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
 
-        Of a map that was bent, all keyframes but the first.
-
-        It works on copies, so the map can be used meanwhile.
+        Of a map that was bent, all keyframes but the first. It works on copies, so the map can be used meanwhile.
         """
         if self.is_bent and len(self.keyframes) <= _MOST_AT_ONCE:
             return self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
