@@ -259,5 +259,5 @@ class Session:
 
 def _complete(frame: Frame) -> None:
     """Compute the response and all that it rests on; what cannot be is raised again when it is asked for."""
-    with contextlib.suppress(InputError):
+    with contextlib.suppress(Exception):
         _ = frame.response
