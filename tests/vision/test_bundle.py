@@ -1,5 +1,10 @@
 """Bundle adjustment: exact on exact data, at the optimum that SciPy finds on noisy data, never worse than the start."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -10,6 +15,7 @@ from tspslam.errors import GeometryError, InputError
 from tspslam.vision.bundle import Observations, adjust
 from tspslam.vision.se3 import inverse
 
+ROOT = Path(__file__).parents[2]
 RIG = tspslam.Rig(fx=400, fy=410, cx=320, cy=240, baseline=0.2, width=640, height=480, skew=1.5, doffs=4.0)
 
 
@@ -202,3 +208,21 @@ def test_a_problem_without_solution_is_a_geometry_error(monkeypatch):
     monkeypatch.setattr(bundle, "_solved", lambda S, b: None)
     with pytest.raises(GeometryError, match="no solution"):
         adjust(RIG, *world(2, 5), GOOD)
+
+
+_ADJUSTED = """
+import hashlib
+from tests.vision.test_bundle import RIG, adjust, seen_by, shaken, world
+T, xyz = world(60, 200)
+found = adjust(RIG, *shaken(T, xyz), seen_by(T, xyz, noise=0.5), offset_sigma=0.3)
+print(hashlib.sha256(found.T_world_camera.tobytes() + found.xyz.tobytes()).hexdigest())
+"""
+
+
+def test_any_number_of_threads_gives_the_same_bytes():
+    def printed(threads):
+        given = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), threads)
+        command = [sys.executable, "-c", _ADJUSTED]
+        return subprocess.run(command, env=given, cwd=ROOT, check=True, capture_output=True).stdout
+
+    assert printed("1") == printed("2") != b""

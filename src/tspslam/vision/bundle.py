@@ -292,16 +292,10 @@ class _Problem:
 
 
 def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
-    """Solution of symmetric positive equations; None if they are not."""
-    from scipy.linalg import LinAlgError, cho_factor, cho_solve
+    """Solution of symmetric positive equations, which are overwritten; None if they are not."""
+    from ._cholesky import solve_positive
 
-    if not len(b):
-        return b
-    try:
-        x: FloatArray = cho_solve(cho_factor(S, lower=True, check_finite=False), b, check_finite=False)
-    except (LinAlgError, ValueError):
-        return None
-    return x if np.isfinite(x).all() else None
+    return b if solve_positive(S, b) and np.isfinite(b).all() else None
 
 
 def _stays(fixed: BoolArray | None, count: int, moving: bool) -> BoolArray:
