@@ -228,6 +228,19 @@ def test_an_interrupted_run_says_how_to_resume_and_resumes(sequence):
     assert resumed == content(sequence / "out")
 
 
+def test_an_interrupt_at_the_door_of_a_compiled_loop_is_one(capsys, monkeypatch):
+    def run(_):
+        try:
+            raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+        except SystemError as error:
+            raise SystemError("returned a result with an exception set") from error
+
+    monkeypatch.setattr(cli, "_run", run)
+    code, _, err = type_in(capsys, "run", "anything")
+    assert code == 130
+    assert "interrupted; the same command goes on" in err
+
+
 EVERY = ("--set", "tracking.every_frame=true")
 
 

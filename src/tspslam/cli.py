@@ -243,9 +243,11 @@ def _exit_code(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:
-        if "--debug" in arguments:
-            raise
-        return _complain(_line(error), _code_of(error))
+        if not _is_interrupt(error):
+            if "--debug" in arguments:
+                raise
+            return _complain(_line(error), _code_of(error))
+        code = INTERRUPTED
     if code == INTERRUPTED:
         return _complain("interrupted; the same command goes on where this one stopped", INTERRUPTED)
     return code
@@ -277,6 +279,13 @@ def _line(error: Exception) -> str:
     if isinstance(error, OSError) and _code_of(error) == NOT_WRITTEN:
         return f"{error.filename or 'output'}: cannot be written ({error.strerror}); expected a place with space"
     return f"internal error: {type(error).__name__}: {text} (--debug shows where)"
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether an interrupt came while a compiled loop was entered or left: Python then calls it an error of its own."""
+    while isinstance(error, SystemError):
+        error = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def _complain(line: str, code: int) -> int:
