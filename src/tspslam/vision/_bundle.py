@@ -35,9 +35,15 @@ def residual(lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, p
 
 
 @inlined
+def square_of(r: Float64, information: Float64) -> float:
+    """Squared length of a residual in standard deviations; `information` is that of a pixel and of a disparity."""
+    return information[0] * (r[0] * r[0] + r[1] * r[1]) + information[1] * r[2] * r[2]
+
+
+@inlined
 def huber_of(r: Float64, information: Float64, width: float) -> tuple[float, float]:
     """Cost and weight of a residual: quadratic up to `width` standard deviations, linear beyond."""
-    square = information[0] * (r[0] * r[0] + r[1] * r[1]) + information[1] * r[2] * r[2]
+    square = square_of(r, information)
     if square <= width * width:
         return square, 1.0
     length = np.sqrt(square)
@@ -72,26 +78,30 @@ def squares(
         k = pose[o]
         found[o] = np.inf
         if residual(lens, R[k], t[k], X[point[o]], seen[o], p, r):
-            found[o] = information[o, 0] * (r[0] * r[0] + r[1] * r[1]) + information[o, 1] * r[2] * r[2]
+            found[o] = square_of(r, information[o])
+
+
+@inlined
+def pose_jacobian(lens: Float64, p: Float64, has_disparity: bool, J: Float64) -> None:
+    """Fill `J` (3, 6): derivatives of predicted (u, v, d) by the camera's (ω, υ)."""
+    near = 1 / p[2]
+    J[0, 3], J[0, 4] = lens[0] * near, lens[4] * near
+    J[0, 5] = -(lens[0] * p[0] + lens[4] * p[1]) * near * near
+    J[1, 3], J[1, 4], J[1, 5] = 0.0, lens[1] * near, -lens[1] * p[1] * near * near
+    J[2, 3], J[2, 4], J[2, 5] = 0.0, 0.0, -lens[5] * near * near if has_disparity else 0.0
+    for i in range(3):
+        J[i, 0] = J[i, 5] * p[1] - J[i, 4] * p[2]
+        J[i, 1] = J[i, 3] * p[2] - J[i, 5] * p[0]
+        J[i, 2] = J[i, 4] * p[0] - J[i, 3] * p[1]
 
 
 @inlined
 def _jacobians(lens: Float64, R: Float64, p: Float64, has_disparity: bool, J: Float64, G: Float64) -> None:
     """Derivatives of predicted (u, v, d): `J` (3, 6) by the camera's (ω, υ), `G` (3, 3) by the point."""
-    near = 1 / p[2]
-    D = np.zeros((3, 3))
-    D[0, 0], D[0, 1] = lens[0] * near, lens[4] * near
-    D[0, 2] = -(lens[0] * p[0] + lens[4] * p[1]) * near * near
-    D[1, 1], D[1, 2] = lens[1] * near, -lens[1] * p[1] * near * near
-    if has_disparity:
-        D[2, 2] = -lens[5] * near * near
+    pose_jacobian(lens, p, has_disparity, J)
     for i in range(3):
-        J[i, 0] = D[i, 2] * p[1] - D[i, 1] * p[2]
-        J[i, 1] = D[i, 0] * p[2] - D[i, 2] * p[0]
-        J[i, 2] = D[i, 1] * p[0] - D[i, 0] * p[1]
         for j in range(3):
-            J[i, 3 + j] = D[i, j]
-            G[i, j] = D[i, 0] * R[0, j] + D[i, 1] * R[1, j] + D[i, 2] * R[2, j]
+            G[i, j] = J[i, 3] * R[0, j] + J[i, 4] * R[1, j] + J[i, 5] * R[2, j]
 
 
 @inlined

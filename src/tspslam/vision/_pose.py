@@ -9,26 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import inlined, kernel
-from ._bundle import UNSEEN, huber_of, residual
+from ._bundle import UNSEEN, huber_of, pose_jacobian, residual, square_of
 
 Float64 = NDArray[np.float64]
 
 _FIRST_DAMPING, _LEAST, _MOST = 1e-4, 1e-9, 1e8
 _ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
-
-
-@inlined
-def _pose_jacobian(lens: Float64, p: Float64, has_disparity: bool, J: Float64) -> None:
-    """Fill `J` (3, 6): derivatives of predicted (u, v, d) by the camera's (ω, υ)."""
-    near = 1 / p[2]
-    J[0, 3], J[0, 4] = lens[0] * near, lens[4] * near
-    J[0, 5] = -(lens[0] * p[0] + lens[4] * p[1]) * near * near
-    J[1, 3], J[1, 4], J[1, 5] = 0.0, lens[1] * near, -lens[1] * p[1] * near * near
-    J[2, 3], J[2, 4], J[2, 5] = 0.0, 0.0, -lens[5] * near * near if has_disparity else 0.0
-    for i in range(3):
-        J[i, 0] = J[i, 5] * p[1] - J[i, 4] * p[2]
-        J[i, 1] = J[i, 3] * p[2] - J[i, 5] * p[0]
-        J[i, 2] = J[i, 4] * p[0] - J[i, 3] * p[1]
 
 
 @kernel
@@ -45,7 +31,7 @@ def pose_equations(
             continue
         cost, weight = huber_of(r, information, width)
         total += cost
-        _pose_jacobian(lens, p, not np.isnan(seen[m, 2]), J)
+        pose_jacobian(lens, p, not np.isnan(seen[m, 2]), J)
         w_uv, w_d = weight * information[0], weight * information[1]
         for i in range(6):
             u, v, d = w_uv * J[0, i], w_uv * J[1, i], w_d * J[2, i]
@@ -146,6 +132,5 @@ def improve_pose(
     for m in range(X.shape[0]):
         distance[m] = np.inf
         if residual(lens, R, t, X[m], seen[m], p, r):
-            square = information[0] * (r[0] * r[0] + r[1] * r[1]) + information[1] * r[2] * r[2]
-            distance[m] = np.sqrt(square)
+            distance[m] = np.sqrt(square_of(r, information))
     return solvable

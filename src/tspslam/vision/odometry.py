@@ -251,10 +251,10 @@ class Odometry:
         if self._asked and len(self._stamps) >= self.map.keyframes[-1].index + _JOINED:
             self._join()
         self._watch.lap("wait")
-        fix = self._locate(pair, image)
+        ahead = self._ahead(pair.stamp)
+        fix = self._locate(pair, image, ahead)
         self._watch.lap("follow")
         was_lost, self._lost = self._lost > 0, self._lost + 1 if fix is None else 0
-        ahead = self._ahead(pair.stamp)
         pose = ahead if fix is None else fix.T_world_camera
         moved = ahead if was_lost else pose  # what was guessed says nothing of the motion since
         self._motion, self._pose = normalised(inverse(self._pose) @ moved), pose
@@ -268,14 +268,14 @@ class Odometry:
         """Make the first frame the first keyframe."""
         stereo = see(pair, self._detect, self._match)
         self._watch.lap("points")
-        self._add(pair, image, None, stereo)
+        self._add(pair, image, None, _new_points(stereo), stereo)
         self._remember(pair.stamp)
         return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo, self._watch.seconds)
 
-    def _locate(self, pair: StereoPair, image: Pyramid) -> Fix | None:
+    def _locate(self, pair: StereoPair, image: Pyramid, ahead: FloatArray) -> Fix | None:
         """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
         references, xyz = self.map.references(), self.map.xyz
-        fix = locate(self.rig, image, references, xyz, self._ahead(pair.stamp))
+        fix = locate(self.rig, image, references, xyz, ahead)
         if fix is None:
             fix = self._recognise(pair, image)
         if fix is None:
@@ -327,17 +327,17 @@ class Odometry:
         self._watch.lap("points")
         if np.isfinite(stereo.disparity).sum() < LEAST_MATCHES:
             return None
+        new = _new_points(stereo)
         if fix is not None:
-            fix = self._revisit(pair, image, fix, stereo)
+            fix = self._revisit(pair, image, fix, new)
             self._watch.lap("loops")
-        self._add(pair, image, fix, stereo)
+        self._add(pair, image, fix, new, stereo)
         return stereo
 
-    def _revisit(self, pair: StereoPair, image: Pyramid, fix: Fix, stereo: Stereo) -> Fix:
+    def _revisit(self, pair: StereoPair, image: Pyramid, fix: Fix, new: NewPoints) -> Fix:
         """The fix and what is seen again of places left long ago; where the map has drifted, it is bent into place."""
         fix = replace(fix, T_world_camera=self._pose)
-        words = binary_words(stereo.left.descriptor)
-        seen = seen_again(self.map, image, fix, stereo.left.uv, words)
+        seen = seen_again(self.map, image, fix, new.uv, new.words)
         if seen is None:
             return fix
         again = replace(seen.fix, disparity=self._disparities(pair, image, seen.fix))
@@ -349,8 +349,7 @@ class Odometry:
         self._pose = fix.T_world_camera
         return fix
 
-    def _add(self, pair: StereoPair, image: Pyramid, fix: Fix | None, stereo: Stereo) -> None:
-        new = NewPoints(stereo.left.uv, stereo.disparity, binary_words(stereo.left.descriptor))
+    def _add(self, pair: StereoPair, image: Pyramid, fix: Fix | None, new: NewPoints, stereo: Stereo) -> None:
         images = image, np.array(grey_levels(pair.left))
         self.map.add(len(self._stamps), self._pose, images, fix, new)
         self._hand_over()
@@ -402,3 +401,7 @@ class Odometry:
         if self._stamps and not pair.stamp >= self._stamps[-1]:
             raise InputError(f"{pair.name}: its stamp is {pair.stamp} s, expected {self._stamps[-1]} s or later")
         check_pair(pair)
+
+
+def _new_points(stereo: Stereo) -> NewPoints:
+    return NewPoints(stereo.left.uv, stereo.disparity, binary_words(stereo.left.descriptor))

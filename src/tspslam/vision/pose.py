@@ -30,9 +30,9 @@ class PoseFit:
     distance: FloatArray
 
 
-def lens_of(rig: Rig, offset: float = 0.0) -> FloatArray:
-    """(fx, fy, cx, cy, skew, fx B, doffs, offset): what the compiled loops know of a rig."""
-    return np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, offset], np.float64)
+def lens_of(rig: Rig) -> FloatArray:
+    """(fx, fy, cx, cy, skew, fx B, doffs, 0 for the offset): what the compiled loops know of a rig."""
+    return np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64)
 
 
 def fit_pose(
