@@ -86,7 +86,7 @@ def ours(source: Held) -> tuple[Trajectory, float, dict[str, object]]:
             journey = Journey(source, range(len(source)), Session(source.rig, resolve().settings), folder)
             started = time.perf_counter()
             list(journey.proceed())
-            journey.session.odometry.finish()
+            journey.session.finish()
             seconds = (time.perf_counter() - started) / len(source)
     offset, std = journey.session.odometry.disparity_offset
     lost = sum(row["is_lost"] for row in journey.tracked)

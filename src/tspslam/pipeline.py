@@ -100,6 +100,7 @@ def run(
     with RunFolder.create(out, settings) as folder:
         journey = Journey(source, wanted, Session(source.rig, resolved.settings), folder)
         record = _travel(journey, progress)
+        journey.session.close()
         seconds = {row["name"]: row["seconds"] for row in journey.rows if row.get("seconds")}
         folder.write_timings({"frames": seconds, "total_s": time.perf_counter() - started, "machine": machine()})
     return RunResult(out, record)
@@ -115,7 +116,7 @@ def _travel(journey: Journey, progress: Progress | None) -> dict[str, Any]:
         if journey.last_error and total == 1:
             raise journey.last_error
         raise InputError(f"{journey.source.name}: none of {total} pairs can be used; the last: {journey.last_error}")
-    journey.session.odometry.finish()
+    journey.session.finish()
     record = run_record(journey, getattr(journey.source, "unpaired", []))
     _write_results(journey, record)
     return record

@@ -20,6 +20,9 @@ from .types import Rig, StereoPair
 from .vision.odometry import Odometry
 from .vision.rig import doubts
 
+_LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
+_FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
+
 Row = dict[str, Any]
 Warning_ = dict[str, str]
 
@@ -112,7 +115,12 @@ def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
             "disparity_offset_px": odometry.disparity_offset[0] if is_path else None,
             "disparity_offset_std_px": odometry.disparity_offset[1] if is_path else None,
         },
-        "warnings": [*_troubles(journey.rows, odometry), *_doubts(journey.source.rig), *_warnings(unpaired, stored)],
+        "warnings": [
+            *_troubles(journey.rows, odometry),
+            *_doubts(journey.source.rig),
+            *(offset_doubts(journey.source.rig, *odometry.disparity_offset) if is_path else ()),
+            *_warnings(unpaired, stored),
+        ],
         "per_frame": [_row(row) for row in tracked],
         "versions": versions(),
         "seeds": {"recognition": 0},
@@ -153,6 +161,20 @@ def _row(row: Row) -> Row:
 
 def _doubts(rig: Rig) -> Iterator[Warning_]:
     return ({"code": "calibration", "message": line} for line in doubts(rig))
+
+
+def offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
+    """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
+    if abs(offset) <= max(_LARGE_OFFSET, _SURE * std):
+        return
+    beyond = rig.fx * rig.baseline
+    seen = beyond / max(beyond / _FAR + offset, beyond / _FARTHEST)
+    message = (
+        f"disparities are off by {offset:+.2f} ± {std:.2g} px, as the motion tells; expected less than "
+        f"{_LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {_FAR:g} m are {seen:.3g} m; "
+        "in path and landmarks the offset is taken off"
+    )
+    yield {"code": "disparity_offset", "message": message}
 
 
 def _warnings(unpaired: Sequence[str], done: list[Row]) -> Iterator[Warning_]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from threading import RLock
@@ -56,14 +55,17 @@ class Settings:
 
 
 def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:
-    """Compute `stage` when it is first asked for, whichever thread asks."""
+    """Compute `stage` when it is first asked for, whichever thread asks; what it raised is raised at each ask."""
 
     @wraps(stage)
     def result(self: Frame) -> T:
+        name = stage.__name__
         with self._lock:
-            if stage.__name__ not in self._done:
-                self._done[stage.__name__] = stage(self)
-            done: T = self._done[stage.__name__]
+            if name in self._failed:
+                raise self._failed[name]
+            if name not in self._done:
+                self._done[name] = self._attempt(name, stage)
+            done: T = self._done[name]
             return done
 
     return result
@@ -95,6 +97,7 @@ class Frame:
         self.pair, self.tracked, self.settings = pair, tracked, settings
         self.seconds = dict(tracked.seconds)
         self._done: dict[str, Any] = {}
+        self._failed: dict[str, Exception] = {}
         self._lock = RLock()
 
     @property
@@ -152,6 +155,14 @@ class Frame:
         complex_, signals = self.complex_, self.signals
         return self._timed("response", lambda: self.settings.filter(complex_, self.cloud.uv, signals))
 
+    def _attempt(self, name: str, stage: Callable[[Frame], T]) -> T:
+        """Run a stage, which may be the user's own, and remember what it raises."""
+        try:
+            return stage(self)
+        except Exception as error:
+            self._failed[name] = error
+            raise
+
     def _timed(self, name: str, stage: Callable[[], T]) -> T:
         started = time.perf_counter()
         result = stage()
@@ -205,9 +216,11 @@ class Session:
     --------
     >>> from tspslam import datasets
     >>> pair = datasets.motorcycle()
-    >>> frame = Session(pair.rig).process(pair)
-    >>> len(frame.response.z) == len(frame.cloud)
-    True
+    >>> with Session(pair.rig) as session:
+    ...     frame = session.process(pair)
+    ...     path = session.finish()
+    >>> len(frame.response.z) == len(frame.cloud), len(path)
+    (True, 1)
     """
 
     def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
@@ -216,7 +229,8 @@ class Session:
         stages = self.settings
         self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
         self._worker = ThreadPoolExecutor(1)
-        self._busy: Future[None] | None = None
+        self._busy: Future[Any] | None = None
+        self._is_closed = False
 
     @cached_property
     def fingerprints(self) -> tuple[str, ...]:
@@ -225,7 +239,7 @@ class Session:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of all frames so far, bettered by all that was seen since."""
+        """Poses of all frames so far, bettered by all that was seen since; `finish` makes them final."""
         return self.odometry.trajectory
 
     def process(self, pair: StereoPair) -> Frame:
@@ -243,21 +257,45 @@ class Session:
         Raises
         ------
         InputError
-            If the pair is of another rig, earlier than the last one, or its images do not fit.
+            If the pair is of another rig, earlier than the last one, or its images do not fit; or after `close`.
         GeometryError
             If it is the first and shows too little texture for three points.
         """
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
+        if self._is_closed:
+            raise InputError(f"{pair.name}: the session is closed, expected an open one")
         frame = Frame(pair, self.odometry.process(pair), self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
-            if self._busy:
-                self._busy.result()  # so that no more than one frame waits
-            self._busy = self._worker.submit(_complete, frame)
+            self._wait()  # so that no more than one frame waits
+            self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
         return frame
 
+    def finish(self) -> Trajectory:
+        """Adjust all keyframes together, and return the path: from here on it is final.
 
-def _complete(frame: Frame) -> None:
-    """Compute the response and all that it rests on; what cannot be is raised again when it is asked for."""
-    with contextlib.suppress(Exception):
-        _ = frame.response
+        Returns
+        -------
+        Trajectory
+            Poses of all frames.
+        """
+        self._wait()
+        self.odometry.finish()
+        return self.trajectory
+
+    def close(self) -> None:
+        """Let the worker threads go; no further pair can be processed. Leaving a ``with`` block does that."""
+        self._is_closed = True
+        self._worker.shutdown()
+        self.odometry.close()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _wait(self) -> None:
+        """Wait for the frame whose response is being computed, if any."""
+        if self._busy:
+            wait([self._busy])

@@ -11,7 +11,7 @@ from ..types import BoolArray, FloatArray
 from .following import Pyramid, pyramid
 from .mapping import Keyframe, Map
 from .rig import project
-from .tracking import LEAST_MATCHES, Fix, Reference, locate, nearest_words, refined, resected
+from .tracking import LEAST_MATCHES, LEAST_RECOGNISED, Fix, Reference, locate, nearest_words, refined, resected
 
 MOST_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
 _TRIED, _TRIED_LOST = 2, 5  # keyframes that a camera may have come back to, or be near when it is lost
@@ -158,7 +158,7 @@ def recognised(world: Map, image: Pyramid, uv: FloatArray, words: NDArray[np.uin
         if found is not None:
             own = [] if frame.image is not None else [_reference(frame, np.ones(len(frame.landmark), np.bool_))]
             fix = locate(world.rig, image, own or last, world.xyz, found)
-            if fix is not None:
+            if fix is not None and fix.share >= LEAST_RECOGNISED:
                 return fix
     return None
 

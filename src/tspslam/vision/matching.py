@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,21 @@ _BACK_WINDOWS = Windows(radius=6, contrast=0.1)
 def level_rows(planes: Planes, offset: float) -> Planes:
     """Planes whose rows agree: the right one moved by its vertical offset, px, unless that does no harm."""
     return planes if abs(offset) < _LEVEL else (planes[0], shift_rows(planes[1], offset))
+
+
+def search_near(matcher: object) -> Callable[[Planes, FloatArray, FloatArray], FloatArray]:
+    """Return how disparities are searched near known ones: the matcher's own `near`, else a `RowMatcher`'s.
+
+    The latter keeps to the matcher's limits, if it has any.
+
+    Examples
+    --------
+    >>> search_near(DescriptorMatcher(max_disparity=64)).__self__.max_disparity
+    64
+    """
+    own: Callable[[Planes, FloatArray, FloatArray], FloatArray] | None = getattr(matcher, "near", None)
+    high, low = (getattr(matcher, name, None) for name in ("max_disparity", "min_disparity"))
+    return own or RowMatcher(max_disparity=high, min_disparity=low).near
 
 
 @dataclass(frozen=True)
@@ -177,10 +193,13 @@ class RowMatcher:
         Returns
         -------
         (N,) float64
-            px, measured in both directions; NaN where they do not agree.
+            px, measured in both directions; NaN where they do not agree or leave the matcher's limits.
         """
         start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.windows)
-        return self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
+        found = self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
+        low = -np.inf if self.min_disparity is None else self.min_disparity
+        high = np.inf if self.max_disparity is None else self.max_disparity
+        return np.where((found >= low) & (found <= high), found, np.nan)
 
     def _refine(self, planes: Planes, uv: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""

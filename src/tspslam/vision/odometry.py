@@ -19,12 +19,12 @@ from .features import check_ranges, grey_levels
 from .following import Pyramid, pyramid
 from .loops import MOST_DRIFT, joined, recognised, seen_again
 from .mapping import Map, NewPoints
-from .matching import RowMatcher, level_rows
+from .matching import RowMatcher, level_rows, search_near
 from .orb import OrbDetector
 from .reconstruct import Detector, Matcher, Stereo, see
 from .rig import check_pair
 from .se3 import inverse, normalised, repeated
-from .tracking import LEAST_MATCHES, Fix, binary_words, locate, refined
+from .tracking import CLEAR_SHARE, LEAST_MATCHES, Fix, believed, binary_words, locate, refined
 from .windows import smooth_plane
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
@@ -171,7 +171,8 @@ class Odometry:
             rig, window=self.tracking.window, sigma_disparity=self.tracking.sigma_disparity,
             sigma_offset=self.tracking.sigma_offset,
         )  # fmt: skip
-        self._detect, self._match, self._near = detector or OrbDetector(), matcher or RowMatcher(), RowMatcher().near
+        self._detect, self._match = detector or OrbDetector(), matcher or RowMatcher()
+        self._near = search_near(self._match)
         self._stamps: list[float] = []
         self._anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
         self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
@@ -233,6 +234,10 @@ class Odometry:
             self.unsolved += 1
         self._follow_map(before)
 
+    def close(self) -> None:
+        """Let the worker thread go; no further pair can be processed."""
+        self._worker.shutdown()
+
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair.
 
@@ -276,8 +281,8 @@ class Odometry:
         """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
         references, xyz = self.map.references(), self.map.xyz
         fix = locate(self.rig, image, references, xyz, ahead)
-        if fix is None:
-            fix = self._recognise(pair, image)
+        if fix is None or fix.share < CLEAR_SHARE:
+            fix = believed(fix, self._recognise(pair, image), xyz)
         if fix is None:
             return None
         disparity = self._disparities(pair, image, fix) - self.map.offset.value

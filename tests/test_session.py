@@ -1,0 +1,102 @@
+"""A session: one frame after another, an end that makes the path final, and what goes wrong said once and for all."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
+from tspslam.config import resolve
+from tspslam.pipeline import run
+from tspslam.records import offset_doubts
+from tspslam.vision.descriptors import DescriptorMatcher
+from tspslam.vision.matching import RowMatcher, search_near
+
+from .sequences import DETECTOR, RIG, SETTINGS, corridor
+
+STAGES = Settings(detector=DETECTOR)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    sequence = corridor(4.0)
+    return [sequence[k] for k in range(len(sequence))], Trajectory(sequence.stamps, sequence.truth)
+
+
+def test_the_path_is_final_once_the_session_is_finished(walk):
+    pairs, truth = walk
+    with Session(RIG, STAGES) as session:
+        for pair in pairs:
+            session.process(pair)
+        path = session.finish()
+    assert len(path) == len(pairs)
+    assert path.T_world_camera.tobytes() == session.trajectory.T_world_camera.tobytes()
+    assert evaluate_trajectory(path, truth).ate_rmse_m < 0.02
+
+
+def test_a_closed_session_takes_no_pair_and_leaves_no_thread(walk):
+    before = threading.active_count()
+    with Session(RIG, STAGES) as session:
+        frame = session.process(walk[0][0])
+    assert len(frame.response.z) == len(frame.cloud)
+    assert threading.active_count() <= before
+    with pytest.raises(InputError, match="session is closed"):
+        session.process(walk[0][1])
+
+
+@pytest.mark.parametrize("error", [GeometryError("no surface"), ZeroDivisionError("of the user's own")])
+def test_a_failing_stage_is_tried_once_and_its_error_raised_at_each_ask(walk, error):
+    calls = []
+
+    def failing(cloud):
+        calls.append(len(cloud))
+        raise error
+
+    with Session(RIG, replace(STAGES, surface=failing)) as session:
+        frames = [session.process(pair) for pair in walk[0][:2]]
+        for _ in range(3):
+            with pytest.raises(type(error), match=str(error)):
+                _ = frames[0].response
+    assert len(calls) == 1
+    assert len(frames[0].cloud) > 100
+
+
+def test_disparities_of_followed_points_are_searched_as_the_matcher_says():
+    strict = RowMatcher(min_correlation=0.99)
+    assert search_near(strict).__self__ is strict
+    limited = search_near(DescriptorMatcher(max_disparity=30.0, min_disparity=2.0)).__self__
+    assert (limited.max_disparity, limited.min_disparity) == (30.0, 2.0)
+    assert search_near(lambda left, right, pair: None).__self__ == RowMatcher()
+
+
+def test_disparities_outside_of_the_matchers_limits_are_not_known(walk):
+    pair = walk[0][0]
+    with Session(RIG, STAGES) as session:
+        cloud = session.process(pair).cloud
+    planes = pair.left.astype(np.float32), pair.right.astype(np.float32)
+    middle = float(np.median(cloud.disparity))
+    every = RowMatcher().near(planes, cloud.uv, cloud.disparity)
+    some = RowMatcher(max_disparity=middle).near(planes, cloud.uv, cloud.disparity)
+    assert np.isfinite(every[cloud.disparity > middle]).sum() > 50
+    assert not (some > middle).any()
+    np.testing.assert_array_equal(some[every <= middle], every[every <= middle])
+
+
+def test_a_calibration_that_the_motion_contradicts_is_told(tmp_path):
+    """An offset of -1 px comes out as -0.9 to -1."""
+    found = run(corridor(6.0, right_shift=(1.0, 0.0)), tmp_path / "run", resolve(assignments=SETTINGS)).run
+    (said,) = [warning["message"] for warning in found["warnings"] if warning["code"] == "disparity_offset"]
+    assert found["calibration"]["disparity_offset_px"] == pytest.approx(-1.0, abs=0.2)
+    assert "disparities are off by -" in said
+    assert "10 m are 11" in said or "10 m are 12" in said  # 93 px m / (9.3 - 1) px
+    assert "disparities are off by" in (tmp_path / "run" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("offset", "std", "count"), [(0.2, 0.001, 0), (-0.98, 0.007, 1), (0.6, 0.3, 0), (0.6, 0.1, 1), (-40.0, 0.1, 1)]
+)
+def test_only_a_large_and_certain_offset_is_told(offset, std, count):
+    said = [warning["message"] for warning in offset_doubts(RIG, offset, std)]
+    assert len(said) == count
+    assert not any("nan" in line or "inf" in line for line in said)
