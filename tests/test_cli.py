@@ -310,7 +310,7 @@ def test_names_that_are_no_text_are_escaped(pair_files, more):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize(("streams", "code", "said"), [
-    (">&-", 0, ""), ("2>&-", 0, None), ("2>/dev/full", 0, None), ("| true", 0, ""),
+    (">&-", 5, "standard output: is closed"), ("2>&-", 0, None), ("2>/dev/full", 0, None), ("| true", 0, ""),
     (">/dev/full", 5, "standard output: cannot be written"),
 ])  # fmt: skip
 def test_closed_and_full_streams_lose_no_result(capsys, pair_files, streams, code, said):

@@ -21,8 +21,12 @@ BELOW = {  # what each room may import, besides itself
         "view",
         "session",
         "topology",
+        "printing",
+        "guarding",
     }
     | GROUND,
+    "printing": {"errors"},
+    "guarding": {"io"} | GROUND,
     "calibrating": {"vision"} | GROUND,
     "evaluating": {"datasets", "io", "vision"} | GROUND,
     "filtering": {"doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,

@@ -13,6 +13,9 @@ PathLike = str | os.PathLike[str]
 LARGEST_FILE = 1 << 32
 """Bytes; a larger file is refused before it is read."""
 
+# Deflate packs up to 1032 : 1, and arrays of a file may share their bytes; real ones stay below 64 : 1 as a whole.
+_UNPACKED, _UNPACKED_EACH = 1 << 28, 64  # bytes for any file, and for each of its bytes
+
 
 def one_line(text: str) -> str:
     """Return `text` without line breaks and control characters; bytes of a name that are no text are escaped."""
@@ -29,6 +32,11 @@ def reason_of(error: Exception) -> str:
     """Return why the operating system or a decoder refused, in a few words."""
     said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return said[:200] or type(error).__name__
+
+
+def unpacked_limit(size: int) -> int:
+    """Bytes that all arrays of a file of `size` bytes may take together once they are unpacked."""
+    return min(LARGEST_FILE, _UNPACKED + _UNPACKED_EACH * size)
 
 
 def open_input(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> BinaryIO:

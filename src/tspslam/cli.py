@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
-import logging
-import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,6 +16,10 @@ import typer
 
 from . import __version__
 from .errors import InputError, OutputError, TspSlamError
+from .printing import hold_streams, listen
+from .printing import note as _note
+from .printing import progress as _progress
+from .printing import say as _say
 
 if TYPE_CHECKING:
     from .pipeline import RunResult, Source
@@ -40,6 +43,7 @@ PresetOption = Annotated[str, typer.Option(help="Where settings start: default, 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
 OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images, where the file has none.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of another kind; never an input.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -77,6 +81,7 @@ def run_command(
         pairs = _open_source(source or [], calib)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
+    _check_folder(target, *(source or []), calib, depth, disparity)
     _announce_compilation()
     with _progress(len(wanted)) as progress:
         result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, progress=progress)
@@ -97,9 +102,11 @@ def filter_command(
     from .filtering import filter_mesh
     from .topology.harmonic import Tmahf
 
-    _announce_compilation()
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    _finish(filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage), as_json)
+    target = out or Path("runs") / f"{mesh.stem}-filter"
+    _check_folder(target, mesh, image, calib)
+    _announce_compilation()
+    _finish(filter_mesh(mesh, image, calib, target, stage), as_json)
 
 
 @app.command("export")
@@ -107,18 +114,26 @@ def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
     frame: Annotated[int, typer.Option(min=0, help="Index of the frame.")] = 0,
-    output: Annotated[Path | None, typer.Option(help="File to write [default: RUN-FRAME.FORMAT here].")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="File to write, outside the run folder [default: RUN-FRAME.FORMAT here].")
+    ] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write one frame of a finished run in another format, without running again."""
+    from .guarding import MAPS, check_output, is_inside
     from .io import RunFolder, read_frame, write_frame
     from .io.maps import write_map_ply, write_map_vtu
 
     writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
     if to not in writers:
         raise typer.BadParameter(f"{to!r}, expected one of {', '.join(writers)}", param_hint="--to")
-    stored = RunFolder.open(run).finished_frame(frame)
     target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
+    _check_suffix(target, [to], "--output")
+    stored = RunFolder.open(run).finished_frame(frame)
+    if is_inside(target, run):
+        raise InputError(f"{target}: lies in the run folder {run}; expected a place outside")
+    check_output(target, MAPS[to], [run, stored], is_forced=force)
     writers[to](target, read_frame(stored))
     _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
@@ -128,12 +143,18 @@ def eval_command(
     run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI).")],
     truth: Annotated[Path, typer.Option(help="True poses: a file (TUM, KITTI) or a sequence folder that has them.")],
     max_difference: Annotated[float, typer.Option(min=0, help="Between two matched stamps, s.")] = 0.01,
-    plot: Annotated[Path | None, typer.Option(help="PNG file of both paths and the error along them.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="PNG, PDF or SVG of both paths and the error along them.")] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
     from .evaluating import evaluated, summary
 
+    if plot:
+        from .guarding import PICTURES, check_output
+
+        _check_suffix(plot, list(PICTURES), "--plot")
+        check_output(plot, PICTURES[plot.suffix.lower()[1:]], [run, truth], is_forced=force)
     errors = evaluated(run, truth, max_stamp_difference=max_difference)
     if plot:
         from .view import write_path_picture
@@ -197,15 +218,32 @@ def calib_convert_command(
     output: Annotated[Path, typer.Argument(help="File to write, in our format.")],
     size: SizeOption = None,
     rectify: Annotated[bool, typer.Option("--rectify", help="Of raw cameras: the rectified pair.")] = False,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write a calibration file of another program in our format."""
     from .calibrating import converted
+    from .guarding import CALIBRATION, check_output
 
+    check_output(output, CALIBRATION, [file], is_forced=force)
     remarks = converted(file, output, _size(size), rectify)
     for remark in remarks:
         _note(f"note: {remark}")
     _say(json.dumps({"written": str(output), "remarks": remarks}) if as_json else f"wrote {output}")
+
+
+def _check_suffix(path: Path, allowed: list[str], option: str) -> None:
+    if path.suffix.lower()[1:] not in allowed:
+        expected = " or ".join(f".{each}" for each in allowed)
+        raise typer.BadParameter(
+            f"{str(path)!r} has the suffix {path.suffix!r}, expected {expected}", param_hint=option
+        )
+
+
+def _check_folder(out: Path, *inputs: Path | None) -> None:
+    from .guarding import check_folder
+
+    check_folder(out, [path for path in inputs if path])
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
@@ -230,8 +268,8 @@ def root(
 
 def main() -> None:
     """Run the command line; every error becomes one line and its exit code."""
-    logging.basicConfig(format="%(message)s", level=logging.WARNING)
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports each home that it cannot write
+    hold_streams()
+    listen()
     code = _exit_code(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
     sys.exit(code)
@@ -255,10 +293,15 @@ def _exit_code(arguments: list[str]) -> int:
 
 def _run(arguments: list[str]) -> int:
     words = [word for word in arguments if word != "--debug"]
+    _say()  # nothing, but a closed stdout is seen before the work
+    page = io.StringIO()  # help, which click prints: as all else, it goes through `_say`
+    is_page = "--help" in words or set(words) <= {"config", "calib"}
     try:
-        outcome = typer.main.get_command(app).main(words, prog_name="tspslam", standalone_mode=False)
+        with contextlib.redirect_stdout(page) if is_page else contextlib.nullcontext():
+            outcome = typer.main.get_command(app).main(words, prog_name="tspslam", standalone_mode=False)
     except typer.Exit as stop:
-        return stop.exit_code
+        outcome = stop.exit_code
+    _say(*page.getvalue().splitlines())
     return outcome if isinstance(outcome, int) else COMPLETE
 
 
@@ -272,7 +315,8 @@ def _code_of(error: Exception) -> int:
 
 def _line(error: Exception) -> str:
     if isinstance(error, _UsageError):
-        return f"{error.format_message()} (see tspslam --help)"  # type: ignore[attr-defined]
+        said: str = error.format_message()  # type: ignore[attr-defined]
+        return said if said.startswith("Usage:") else f"{' '.join(said.split())} (see tspslam --help)"
     text = " ".join(str(error).split())
     if isinstance(error, TspSlamError):
         return text
@@ -289,24 +333,8 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 
 def _complain(line: str, code: int) -> int:
-    _note(f"tspslam: {line}")
+    _note(*f"tspslam: {line}".split("\n"))
     return code
-
-
-def _say(text: str) -> None:
-    """Print a result on stdout; a reader who has gone away wants no more of it."""
-    try:
-        typer.echo(text)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        raise OutputError(f"standard output: cannot be written ({error.strerror}); expected an open one") from error
-
-
-def _note(text: str) -> None:
-    """Print on stderr, if anybody listens."""
-    with contextlib.suppress(OSError):
-        typer.echo(text, err=True)
 
 
 def _open_source(paths: list[Path], calib: Path | None) -> Source:
@@ -364,21 +392,6 @@ def _announce_compilation() -> None:
         _note("compiling kernels (once on this machine, up to a minute) ...")
 
 
-@contextlib.contextmanager
-def _progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on stderr if it is a terminal, else a line every tenth of the frames."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        every = max(1, total // 10)
-        yield (lambda done, of, name: _note(f"{done}/{of} {name}") if of > 1 and done % every == 0 else None)
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("frames", total=total)
-        yield lambda done, of, name: bar.update(task, completed=done, description=name)
-
-
 def _finish(result: RunResult, as_json: bool) -> None:
     run, folder = result.run, result.folder
     for warning in run["warnings"]:
@@ -389,7 +402,9 @@ def _finish(result: RunResult, as_json: bool) -> None:
         sizes = run["complex"]
         _say(f"{run['status']}: {run['frames']} frame(s), {run.get('keyframes', 1)} keyframe(s); {sizes['n']} points, "
              f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
-        _say(f"pictures: {folder / 'pictures'}\nreport:   {folder / 'report.html'}\nmap:      {folder / 'map.vtu'}")
+        _say(
+            f"pictures: {folder / 'pictures'}", f"report:   {folder / 'report.html'}", f"map:      {folder / 'map.vtu'}"
+        )
     if result.is_degraded:
         raise typer.Exit(DEGRADED)
 

@@ -88,6 +88,57 @@ def test_a_claim_of_gigabytes_is_refused_before_memory_is_taken(tmp_path: Path) 
         read_map(tmp_path / "map.npy")
 
 
+def npy(header: bytes, data: bytes = b"", version: int = 1) -> bytes:
+    """A .npy file of that header."""
+    size = len(header).to_bytes(2 if version == 1 else 4, "little")
+    return b"\x93NUMPY" + bytes([version, 0]) + size + header + data
+
+
+PLAIN = b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }\n"
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (npy(b"[" * 9000), "no plain type, order and shape"),
+    (npy(b"{'descr': " + b"(" * 9000), "no plain type"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(" * 4000 + b"2, 3" + b")" * 4000)), "no plain type"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(" + b"9" * 5000 + b",)")), "no plain type"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(9999999999, 9999999999)"), bytes(24)), r"float32 of shape \(9999999999, 9999999999\)"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(" + b"2, " * 30 + b")"), bytes(24)), "float32 of shape"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(-2, 3)"), bytes(24)), "no plain type"),
+    (npy(PLAIN.replace(b"(2, 3)", b"(True, 3)"), bytes(24)), "no plain type"),
+    (npy(PLAIN.replace(b"'<f4'", b"'|O'"), b"cos\nsystem\n(S'true'\ntR."), "holds object of shape"),
+    (npy(PLAIN.replace(b"'<f4'", b"[('x', '<f4'), ('y', '<f4')]"), bytes(48)), "no plain type"),
+    (npy(PLAIN.replace(b"'<f4'", b"'<f3'"), bytes(48)), "unknown type '<f3'"),
+    (npy(PLAIN.replace(b"'<f4'", b"'|S0'"), bytes(48)), r"holds \|S0 of shape"),
+    (npy(PLAIN.replace(b"'<f4'", b"'<M8'"), bytes(48)), "holds datetime64 of shape"),
+    (npy(PLAIN, bytes(23)), r"float32 of shape \(2, 3\) in 23 bytes"),
+    (npy(PLAIN, bytes(24), 4), "version 1, 2 or 3"),
+    (npy(PLAIN, bytes(24), 2)[:8] + b"\xff\xff\xff\xff" + PLAIN, "header of 4294967295 bytes"),
+    (npy(b"\x1b[2J" * 100), "no plain type"),
+])  # fmt: skip
+def test_each_trick_of_a_header_is_one_line(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "map.npy").write_bytes(content)
+    with pytest.raises(InputError, match=message) as caught:
+        read_map(tmp_path / "map.npy")
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("code", ["<f4", ">f8", "|u1", "<i2", "<f2"])
+def test_every_version_order_and_type_of_numbers_is_read(tmp_path: Path, version: int, code: str) -> None:
+    values = np.arange(6).reshape(2, 3)
+    for number, array in enumerate((values.astype(code), np.asfortranarray(values.astype(code)))):
+        path = tmp_path / f"{number}.npy"
+        with path.open("wb") as handle:
+            np.lib.format.write_array(handle, array, version=(version, 0))
+        found = read_map(path)
+        np.testing.assert_array_equal(found, values)
+        assert found.dtype == np.dtype(code).newbyteorder("=")
+    other = npy(b"{'shape': (2L, 3L), 'fortran_order': False, 'descr': '<f4'}", np.zeros(6, "<f4").tobytes(), version)
+    (tmp_path / "old.npy").write_bytes(other)
+    assert read_map(tmp_path / "old.npy").shape == (2, 3)
+
+
 def test_raw_cameras_have_no_map(folder: Path) -> None:
     text = (folder / "calib.yaml").read_text().replace("baseline: 0.1", "").replace("doffs: 0.0", "")
     eye = "[[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"

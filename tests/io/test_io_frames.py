@@ -266,8 +266,8 @@ def test_a_bomb_is_refused_before_it_takes_memory(tmp_path):
 
 def test_entries_that_claim_too_much_together_are_refused(tmp_path, monkeypatch):
     data = stored(tmp_path)
-    monkeypatch.setattr("tspslam.io.frames._LARGEST", 1000)
-    with pytest.raises(InputError, match="more than 1000 bytes"):
+    monkeypatch.setattr("tspslam.io.frames.unpacked_limit", lambda _: 1000)
+    with pytest.raises(InputError, match="may take 1000"):
         read_frame(saved(tmp_path, data))
 
 

@@ -1,6 +1,8 @@
 import base64
+import contextlib
 import re
 import time
+import tracemalloc
 import warnings
 import zlib
 
@@ -9,8 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tspslam._files import unpacked_limit
 from tspslam.errors import InputError, OutputError
-from tspslam.io import read_vtu, write_vtu
+from tspslam.io import read_ply, read_vtu, write_vtu
 from tspslam.topology.complex import build_complex
 
 FUZZ = settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -240,6 +243,55 @@ def test_blocks_that_lie_about_their_size_are_refused(tmp_path, header, block, s
     else:
         with pytest.raises(InputError, match=said):
             read_vtu(saved(tmp_path, data))
+
+
+def sharing(count, n=1_000_000):
+    """A grid of `count` arrays that all point at one packed block of n zeros."""
+    blocks = [np.array([1, size, 0, len(body)], "<u4").tobytes() + body for size in (n, 3 * n) for body in [zlib.compress(bytes(size), 9)]]  # fmt: skip
+    array = '<DataArray type="UInt8" Name="a{}" format="appended" offset="0"/>'
+    shared = "".join(array.format(i) for i in range(count))
+    points = f'<DataArray type="UInt8" NumberOfComponents="3" format="appended" offset="{len(blocks[0])}"/>'
+    head = (
+        '<VTKFile type="UnstructuredGrid" compressor="vtkZLibDataCompressor"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="{n}" NumberOfCells="0"><Points>{points}</Points><PointData>{shared}</PointData>'
+        '</Piece></UnstructuredGrid><AppendedData encoding="raw">_'
+    )
+    return head.encode() + b"".join(blocks) + b"</AppendedData></VTKFile>"
+
+
+def test_arrays_that_share_their_bytes_have_one_budget(tmp_path):
+    data = sharing(200)
+    limit = unpacked_limit(len(data))
+    assert limit < 300e6
+    with pytest.raises(InputError, match=rf"array a\d+ brings all arrays to \d+ bytes, where .* may take {limit}"):
+        read_vtu(saved(tmp_path, data))
+    assert len(read_vtu(saved(tmp_path, sharing(3))).point_data) == 3
+
+
+def peak_of(read, path):
+    """Bytes taken at most while a file is read, in multiples of its size."""
+    tracemalloc.start()
+    with contextlib.suppress(InputError):
+        read(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak / path.stat().st_size
+
+
+def test_text_takes_no_object_for_each_of_its_words(tmp_path):
+    n = 200_000
+    path = saved(tmp_path, grid(points="10 " * 3 * n, n=n))
+    assert peak_of(read_vtu, path) < 16  # 27 for a list of the words
+    body = "ply\nformat ascii 1.0\nelement vertex {}\nproperty char x\nproperty char y\nproperty char z\nend_header\n"
+    path = saved(tmp_path, (body.format(n) + "10 10 10\n" * n).encode(), "a.ply")
+    assert peak_of(read_ply, path) < 16
+    assert len(read_ply(path).xyz) == n
+
+
+def test_attributes_are_counted(tmp_path):
+    many = " ".join(f'a{i}=""' for i in range(200_001))
+    with pytest.raises(InputError, match="more than 200000 attributes"):
+        read_vtu(saved(tmp_path, grid(attributes=many)))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import InputError
 from tspslam.types import StereoPair
+from tspslam.vision import _onnx_probe
 from tspslam.vision.features import grey_levels
 from tspslam.vision.onnx import OnnxDetector
 from tspslam.vision.reconstruct import reconstruct
@@ -44,11 +49,16 @@ def convolution(name: str, weights: np.ndarray, stride: int) -> tuple[bytes, byt
     return node + b"".join(packed), tensor + field(9, weights.astype("<f4").tobytes())
 
 
-def network(path: Path, outputs: dict[str, tuple[np.ndarray, int]], shape: tuple[int, int] = (504, 744)) -> Path:
+def network(
+    path: Path,
+    outputs: dict[str, tuple[np.ndarray, int]],
+    shape: tuple[int, int] = (504, 744),
+    spoil: Callable[[bytes, bytes], tuple[bytes, bytes]] = lambda node, tensor: (node, tensor),
+) -> Path:
     """Write an ONNX file that convolves an image with each output's weights."""
     graph = field(2, "net") + field(11, value_info("image", (1, 1, *shape)))
     for name, (weights, stride) in outputs.items():
-        node, tensor = convolution(name, weights, stride)
+        node, tensor = spoil(*convolution(name, weights, stride))
         size = (1, len(weights), shape[0] // stride, shape[1] // stride)
         graph += field(1, node) + field(5, tensor) + field(12, value_info(name, size))
     path.write_bytes(field(1, 7) + field(7, graph) + field(8, field(1, "") + field(2, 13)))
@@ -125,3 +135,122 @@ def test_another_network_in_the_same_file_is_another_input(tmp_path: Path, path:
     first = OnnxDetector(str(path)).fingerprint
     network(path, {"scores": (2 * blob(), 1), "descriptors": (patterns(), 4)})
     assert OnnxDetector(str(path)).fingerprint != first
+
+
+SMALL = {"scores": (blob(), 1), "descriptors": (patterns(2), 4)}
+GREY = np.zeros((64, 64), np.uint8)
+GROUP_OF_NONE = field(5, field(1, "group") + field(3, 0) + field(20, 2))
+INSIDE, OUTSIDE = field(14, 0), field(14, 1) + field(13, field(1, "location") + field(2, "../weights"))
+
+
+def head(tensor: bytes) -> bytes:
+    """A tensor without its numbers."""
+    return tensor[: tensor.rindex(b"_w") + 2]
+
+
+HOSTILE: dict[str, Callable[[bytes, bytes], tuple[bytes, bytes]]] = {
+    "empty raw data": lambda node, tensor: (node, head(tensor) + field(9, b"")),
+    "no data": lambda node, tensor: (node, head(tensor)),
+    "group 0": lambda node, tensor: (node + GROUP_OF_NONE, tensor),
+    "no size": lambda node, tensor: (node, 4 * field(1, 0) + field(2, 1) + tensor[tensor.index(field(8, "")[:1]) :]),
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_network_that_crashes_opencv_costs_one_line(tmp_path: Path, kind: str) -> None:
+    path = network(tmp_path / "bad.onnx", SMALL, (64, 64), HOSTILE[kind])
+    said = ""
+    try:
+        OnnxDetector(str(path))(GREY)
+    except InputError as error:
+        said = str(error)
+    if said or platform.machine() in ("x86_64", "AMD64"):  # where a division by zero ends the process
+        assert said.startswith(f"{path}: ")
+        assert said.isprintable()
+
+
+def test_a_network_that_was_refused_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = network(tmp_path / "bad.onnx", SMALL, (64, 64), lambda node, tensor: (node, tensor + OUTSIDE))
+    detector = OnnxDetector(str(path))
+    started = []
+    monkeypatch.setattr(subprocess, "run", counted(subprocess.run, started))
+    for _ in range(3):
+        with pytest.raises(InputError, match=r"bad\.onnx: keeps weights in other files"):
+            detector(GREY)
+    assert len(started) == 1
+
+
+def test_a_sound_network_is_tried_once_for_each_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    detector = OnnxDetector(str(network(tmp_path / "net.onnx", SMALL, (64, 64))))
+    started = []
+    monkeypatch.setattr(subprocess, "run", counted(subprocess.run, started))
+    for _ in range(3):
+        assert len(detector(GREY).uv) == 0
+    assert len(started) == 1
+
+
+def counted(function: Callable[..., object], calls: list[object]) -> Callable[..., object]:
+    """The function, noting each call."""
+
+    def call(*given: object, **named: object) -> object:
+        calls.append(given)
+        return function(*given, **named)
+
+    return call
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a script stands in for the interpreter")
+@pytest.mark.parametrize(("script", "said"), [
+    ("kill -SEGV $$", r"crashes OpenCV \(SIGSEGV\)"), ("echo oh $'\\e[2J' >&2; exit 7", r"exit code 7: oh \S* ?\[2J\)"),
+    ("sleep 60", "does not come to an end within 0.5 s"),
+])  # fmt: skip
+def test_whatever_ends_the_trial_is_said(
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, script: str, said: str
+) -> None:
+    stand_in = tmp_path / "python"
+    stand_in.write_text(f"#!/bin/bash\n{script}\n")
+    stand_in.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(stand_in))
+    monkeypatch.setattr(_onnx_probe, "_LONGEST", 0.5 if "sleep" in script else 60.0)
+    with pytest.raises(InputError, match=said) as caught:
+        OnnxDetector(str(path))(GREY)
+    assert str(caught.value).isprintable()
+
+
+def in_graph(tensor: bytes) -> bytes:
+    return field(7, field(5, tensor))
+
+
+@pytest.mark.parametrize("place", [
+    in_graph,
+    lambda tensor: field(7, field(1, field(5, field(5, tensor)))),  # a constant
+    lambda tensor: field(7, field(1, field(5, field(10, tensor)))),
+    lambda tensor: field(7, field(1, field(5, field(6, field(5, tensor))))),  # of a branch
+    lambda tensor: field(7, field(1, field(5, field(11, field(1, field(5, field(5, tensor))))))),
+    lambda tensor: field(7, field(15, field(1, tensor))),
+    lambda tensor: field(7, field(1, field(5, field(22, field(2, tensor))))),
+    lambda tensor: field(25, field(7, field(5, field(5, tensor)))),
+    lambda tensor: field(20, field(1, field(5, tensor))),
+    lambda tensor: in_graph(b"") + in_graph(tensor),
+])  # fmt: skip
+def test_weights_in_other_files_are_found_wherever_a_tensor_is(place: Callable[[bytes], bytes]) -> None:
+    model = field(1, 7) + place(field(1, 3) + field(2, 1) + field(4, bytes(12)) + field(8, "w") + OUTSIDE)
+    assert _onnx_probe.keeps_data_outside(model)
+    assert not _onnx_probe.keeps_data_outside(model.replace(OUTSIDE, INSIDE + field(9, b"x" * (len(OUTSIDE) - 4))))
+    assert _onnx_probe.keeps_data_outside(place(varint(14 << 3) + b"\x81\x80\x00"))  # 1 in more bytes than it needs
+
+
+@pytest.mark.parametrize(
+    "damaged", [b"\xff" * 20, field(7, b"abc")[:-1], b"\x3b", varint(7 << 3 | 2) + varint(1 << 60)]
+)
+def test_fields_that_cannot_be_read_are_no_network(damaged: bytes) -> None:
+    with pytest.raises(ValueError, match="damaged fields"):
+        _onnx_probe.keeps_data_outside(damaged)
+
+
+def test_messages_in_each_other_have_an_end() -> None:
+    model = b""
+    for _ in range(200):
+        model = field(1, field(5, field(6, model)))
+    with pytest.raises(ValueError, match="without end"):
+        _onnx_probe.keeps_data_outside(field(7, model))

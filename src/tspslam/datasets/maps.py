@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import PathLike, bad_input, one_line, open_input, reason_of
+from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ..io.images import LARGEST_AREA, read_image
+from ..io.npy import read_npy
 from ..types import StereoPair
 from ..vision.dense import checked_map, checked_unit, disparity_of_depth
 from ..vision.formats import read_rectified
@@ -100,26 +100,10 @@ def read_map(path: PathLike) -> NDArray[Any]:
     ...     read_map(f"{folder}/depth.npy").shape
     (2, 3)
     """
-    values = _read_npy(path) if Path(path).suffix.lower() == ".npy" else read_image(path)
+    values = read_npy(path, _EXPECTED, LARGEST_AREA) if Path(path).suffix.lower() == ".npy" else read_image(path)
     if values.ndim != 2 or values.dtype.kind not in "iuf":
         raise bad_input(path, f"holds {values.dtype} of shape {values.shape}", _EXPECTED)
     return values
-
-
-def _read_npy(path: PathLike) -> NDArray[Any]:
-    """An array whose size was held against the file's before memory was taken; nothing is unpickled."""
-    with open_input(path, _EXPECTED) as handle:
-        try:
-            major, _ = np.lib.format.read_magic(handle)
-            header = np.lib.format.read_array_header_1_0 if major == 1 else np.lib.format.read_array_header_2_0
-            shape, _, dtype = header(handle)
-            count = int(np.prod(shape, dtype=object))
-            if dtype.hasobject or count > LARGEST_AREA or count * dtype.itemsize > os.fstat(handle.fileno()).st_size:
-                raise bad_input(path, f"holds {dtype} of shape {shape}", _EXPECTED)
-            handle.seek(0)
-            return np.lib.format.read_array(handle, allow_pickle=False)
-        except (ValueError, OSError, EOFError, TypeError, SyntaxError, MemoryError, OverflowError) as error:
-            raise bad_input(path, f"is no .npy file ({reason_of(error)})", _EXPECTED) from error
 
 
 def _scaled(values: NDArray[Any], unit: float | None) -> NDArray[Any]:

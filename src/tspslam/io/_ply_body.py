@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,15 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ._ply_header import Element, Header, Property
+from ._words import words_of
 
 Columns = dict[str, NDArray[Any]]
 _STRUCT = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
 _CORNERS = ("vertex_indices", "vertex_index")
+
+
+class _EndError(InputError):
+    """The data end within an element."""
 
 
 def corners_of(element: Element) -> Property | None:
@@ -33,14 +38,40 @@ def _read_text(data: bytes, header: Header) -> dict[str, Columns]:
     for element in header.elements:
         if element.properties and element.count > len(body):
             raise InputError(f"claims {element.count} rows of {element.name[:80]}, more than the file can hold")
-    words = body.split()
+    words, is_whole = _text_numbers(body)
     found, start = {}, 0
     for element in header.elements:
-        found[element.name], start = _text_element(words, start, element)
+        try:
+            found[element.name], start = _text_element(words, start, element)
+        except _EndError as error:
+            if is_whole:
+                raise
+            raise InputError(f"has a word in {element.name[:80]} that is no number") from error
     return found
 
 
-def _text_element(words: list[bytes], start: int, element: Element) -> tuple[Columns, int]:
+def _text_numbers(body: bytes) -> tuple[NDArray[np.float64], bool]:
+    """Numbers up to the first word that is none, and whether there is no such word."""
+    parts = [np.empty(0)]
+    for words in words_of(body):
+        try:
+            parts.append(np.array([float(word) for word in words]))
+        except ValueError:
+            parts.append(np.array(list(_leading(words))))
+            return np.concatenate(parts), False
+    return np.concatenate(parts), True
+
+
+def _leading(words: list[bytes]) -> Iterator[float]:
+    """Numbers before the first word that is none."""
+    for word in words:
+        try:
+            yield float(word)
+        except ValueError:
+            return
+
+
+def _text_element(words: NDArray[np.float64], start: int, element: Element) -> tuple[Columns, int]:
     count, width = element.count, len(element.properties)
     if not width:
         return {}, start
@@ -52,19 +83,19 @@ def _text_element(words: list[bytes], start: int, element: Element) -> tuple[Col
             nonlocal start
             part = words[start : start + number]
             if len(part) < number:
-                raise InputError("is truncated")
+                raise _EndError("is truncated")
             start += number
             return _numbers(part, code, element).tolist()
 
         return _rows(take, element), start
     part = words[start : start + count * width]
     if len(part) < count * width:
-        raise InputError(f"ends within its {count} rows of {element.name[:80]}")
+        raise _EndError(f"ends within its {count} rows of {element.name[:80]}")
     columns = {each.name: _numbers(part[i::width], each.code, element) for i, each in enumerate(element.properties)}
     return columns, start + count * width
 
 
-def _text_triangles(words: list[bytes], start: int, element: Element) -> tuple[Columns, int]:
+def _text_triangles(words: NDArray[np.float64], start: int, element: Element) -> tuple[Columns, int]:
     """Read faces in one go, as if all were triangles, and see whether they were."""
     width = len(element.properties) + 3
     whole = min(element.count, (len(words) - start) // width)
@@ -89,19 +120,15 @@ def _text_triangles(words: list[bytes], start: int, element: Element) -> tuple[C
 
 def _check_whole(whole: int, element: Element) -> None:
     if whole < element.count:
-        raise InputError(f"ends within face {whole}, or that is no triangle")
+        raise _EndError(f"ends within face {whole}, or that is no triangle")
 
 
-def _numbers(words: list[bytes], code: str, element: Element) -> NDArray[Any]:
-    try:
-        exact = np.array([float(word) for word in words])
-        if code.startswith("f"):
-            with np.errstate(over="ignore"):
-                return exact.astype(code)
-        limits = np.iinfo(code)
-        fits = (exact == np.rint(exact)) & (exact >= limits.min) & (exact <= limits.max)
-    except ValueError as error:
-        raise InputError(f"has a word in {element.name[:80]} that is no number") from error
+def _numbers(exact: NDArray[np.float64], code: str, element: Element) -> NDArray[Any]:
+    if code.startswith("f"):
+        with np.errstate(over="ignore"):
+            return exact.astype(code)
+    limits = np.iinfo(code)
+    fits = (exact == np.rint(exact)) & (exact >= limits.min) & (exact <= limits.max)
     if not fits.all():
         raise InputError(f"has {exact[~fits][0]} in {element.name[:80]}, which does not fit its integer type")
     return exact.astype(code)

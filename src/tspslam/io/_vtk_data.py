@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ._words import words_of
 
 LARGEST_ARRAY = 1 << 32
 BLOCK = 1 << 15
@@ -33,6 +34,30 @@ TYPES = {
 NAMES = {np.dtype(code): name for name, code in TYPES.items()}
 
 
+@dataclass
+class Budget:
+    """Bytes that the arrays of a file may take together, however often they share the file's.
+
+    Attributes
+    ----------
+    limit : int
+        What a file of this size may take in all.
+    taken : int
+        By the arrays so far, 8 for each number.
+    """
+
+    limit: int
+    taken: int = 0
+
+    def take(self, size: int) -> None:
+        """Take so many more bytes, before they are."""
+        self.taken += size
+        if self.taken > self.limit:
+            raise InputError(
+                f"brings all arrays to {self.taken} bytes, where a file of this size may take {self.limit}"
+            )
+
+
 @dataclass(frozen=True)
 class Layout:
     """How a file stores its binary arrays.
@@ -45,7 +70,9 @@ class Layout:
         Type of the size fields, ``"u4"`` or ``"u8"``.
     compressed : bool
         Whether arrays are zlib blocks.
-    appended : bytes
+    budget : Budget
+        What all its arrays may take.
+    appended : memoryview
         What stands behind the underscore of the appended section.
     raw : bool
         Whether that section is raw, not base64.
@@ -54,7 +81,8 @@ class Layout:
     order: str
     header: str
     compressed: bool
-    appended: bytes = b""
+    budget: Budget
+    appended: memoryview
     raw: bool = False
 
 
@@ -69,9 +97,17 @@ def encode(values: NDArray[Any]) -> str:
 
 def decode_text(text: str, code: str, count: int) -> NDArray[Any]:
     """Return `count` numbers that stand in `text`, in the type of `code`."""
-    words = text.split()
-    if len(words) != count:
-        raise InputError(f"holds {len(words)} numbers where {count} are claimed")
+    parts, found = [], 0
+    for words in words_of(text):
+        found += len(words)
+        if found <= count:
+            parts.append(_numbers(words, code))
+    if found != count:
+        raise InputError(f"holds {found} numbers where {count} are claimed")
+    return np.concatenate([np.empty(0, code), *parts])
+
+
+def _numbers(words: list[str], code: str) -> NDArray[Any]:
     try:
         if code.startswith("f"):
             return np.array(words, dtype="f8").astype(code)
@@ -80,7 +116,12 @@ def decode_text(text: str, code: str, count: int) -> NDArray[Any]:
         raise InputError("holds a word that is no number of its type") from error
 
 
-def decode_binary(source: bytes, raw: bool, layout: Layout, code: str, count: int) -> NDArray[Any]:
+def packed(text: bytes) -> bytes:
+    """Return text without its blanks."""
+    return text.translate(None, b" \t\n\r\v\f")
+
+
+def decode_binary(source: memoryview, raw: bool, layout: Layout, code: str, count: int) -> NDArray[Any]:
     """Return `count` numbers stored at the start of `source`, base64 unless `raw`, in native byte order."""
     dtype = np.dtype(layout.order + code)
     expected = count * dtype.itemsize
@@ -90,19 +131,19 @@ def decode_binary(source: bytes, raw: bool, layout: Layout, code: str, count: in
     return np.frombuffer(data, dtype).astype(dtype.newbyteorder("="))
 
 
-def _plain(source: bytes, raw: bool, layout: Layout, expected: int) -> bytes:
+def _plain(source: memoryview, raw: bool, layout: Layout, expected: int) -> bytes:
     width = np.dtype(layout.header).itemsize
     claimed = _sizes(_take(source, 0, width, raw), layout)[0]
     if claimed != expected:
         raise InputError(f"holds {claimed} bytes where {expected} are claimed")
     # Some writers encode the size and the data apart, which shows by padding between them.
     characters = _length(width, raw)
-    if not raw and source[:characters].endswith(b"="):
+    if not raw and source[:characters].tobytes().endswith(b"="):
         return _take(source, characters, expected, raw)
     return _take(source, 0, width + expected, raw)[width:]
 
 
-def _inflated(source: bytes, raw: bool, layout: Layout, expected: int) -> bytes:
+def _inflated(source: memoryview, raw: bool, layout: Layout, expected: int) -> bytes:
     width = np.dtype(layout.header).itemsize
     count, block, last = _sizes(_take(source, 0, 3 * width, raw), layout)
     if count == 0 and expected == 0:
@@ -137,8 +178,8 @@ def _length(size: int, raw: bool) -> int:
     return size if raw else (size + 2) // 3 * 4
 
 
-def _take(source: bytes, start: int, size: int, raw: bool) -> bytes:
-    part = source[start : start + _length(size, raw)]
+def _take(source: memoryview, start: int, size: int, raw: bool) -> bytes:
+    part = source[start : start + _length(size, raw)].tobytes()
     if not raw:
         try:
             part = base64.b64decode(part, validate=True)

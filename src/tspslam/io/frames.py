@@ -12,14 +12,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from .._atomic import write_bytes
-from .._files import PathLike, bad_input, read_bytes, reason_of
+from .._files import PathLike, bad_input, read_bytes, reason_of, unpacked_limit
 from ..errors import InputError
 from ..topology.complex import Complex
 from ..types import Cloud, Response, Rig, Signals, Surface
 from ._frame_schema import MAGIC, OPTIONAL, SCHEMA, VERSION, Arrays, check, parse_array, to_schema
 
 _EXPECTED = f"a frame of format version {VERSION}"
-_LARGEST = 1 << 32
 # Deflate cannot shrink further than this; smaller entries are let be.
 _RATIO = 1032
 # zipfile meets damaged archives with all of these.
@@ -251,7 +250,7 @@ def _npy(values: np.ndarray[Any, Any]) -> bytes:
 def _read_arrays(data: bytes) -> Arrays:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
-        _check_entries(entries)
+        _check_entries(entries, unpacked_limit(len(data)))
         arrays: Arrays = {}
         for entry in sorted(entries, key=lambda entry: entry.filename != "version.npy"):
             name = entry.filename.removesuffix(".npy")
@@ -264,7 +263,7 @@ def _read_arrays(data: bytes) -> Arrays:
     return arrays
 
 
-def _check_entries(entries: list[zipfile.ZipInfo]) -> None:
+def _check_entries(entries: list[zipfile.ZipInfo], limit: int) -> None:
     names = [entry.filename for entry in entries]
     known = {f"{name}.npy" for name in SCHEMA}
     missing = sorted(known - {f"{name}.npy" for name in OPTIONAL} - set(names))
@@ -275,8 +274,9 @@ def _check_entries(entries: list[zipfile.ZipInfo]) -> None:
             raise InputError(f"has {entry.filename} packed in a way that is not ours")
         if entry.file_size > _RATIO * entry.compress_size + 64:
             raise InputError(f"claims {entry.file_size} bytes in the {entry.compress_size} of {entry.filename}")
-    if sum(entry.file_size for entry in entries) > _LARGEST:
-        raise InputError(f"claims more than {_LARGEST} bytes")
+    claimed = sum(entry.file_size for entry in entries)
+    if claimed > limit:
+        raise InputError(f"claims {claimed} bytes in all, where a file of its size may take {limit}")
 
 
 def _frame(arrays: Arrays) -> StoredFrame:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._atomic import write_bytes
-from .._files import PathLike, bad_input, read_bytes
+from .._files import PathLike, bad_input, read_bytes, unpacked_limit
 from ..errors import InputError
 from ..types import FloatArray
-from ._vtk_data import LARGEST_ARRAY, NAMES, TYPES, Layout, decode_binary, decode_text, encode
+from ._vtk_data import LARGEST_ARRAY, NAMES, TYPES, Budget, Layout, decode_binary, decode_text, encode, packed
 
 if TYPE_CHECKING:
     from ..topology.complex import Complex
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _EXPECTED = "a VTK unstructured grid of lines and triangles"
 _LINE, _TRIANGLE = 3, 5
 _MOST_ELEMENTS = 10_000
+_MOST_SIGNS = 20 * _MOST_ELEMENTS  # "=": one an attribute, and a few to fill up base64
 
 
 class VtuMesh(NamedTuple):
@@ -174,7 +175,8 @@ def read_vtu(path: PathLike) -> VtuMesh:
     """Read a VTK unstructured grid of lines and triangles.
 
     Text, base64 and raw, inline and appended, plain and zlib-compressed arrays are read. Claimed sizes are compared
-    with what is there before memory is taken; a document type or an entity is refused.
+    with what is there before memory is taken, and all arrays together with 256 MiB and 64 times the file's size (4 GiB
+    at most), even if they share their bytes; a document type or an entity is refused.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ def read_vtu(path: PathLike) -> VtuMesh:
     data = read_bytes(path, _EXPECTED)
     try:
         root, appended = _parsed(data)
-        return _mesh(root, _layout(root, appended))
+        return _mesh(root, _layout(root, appended, Budget(unpacked_limit(len(data)))))
     except InputError as error:
         raise bad_input(path, str(error), _EXPECTED) from error
     except (ET.ParseError, ValueError, LookupError, MemoryError) as error:
@@ -240,12 +242,14 @@ def _parsed(data: bytes) -> tuple[ET.Element, bytes]:
         if not start < mark < end:
             raise InputError("has an appended section without begin or end")
         appended, data = data[mark + 1 : end], data[: mark + 1] + data[end:]
+    if data.count(b"=") > _MOST_SIGNS:
+        raise InputError(f"has more than {_MOST_SIGNS} attributes")
     parser = ET.XMLParser(target=_Builder())
     parser.feed(data)
     return parser.close(), appended
 
 
-def _layout(root: ET.Element, appended: bytes) -> Layout:
+def _layout(root: ET.Element, appended: bytes, budget: Budget) -> Layout:
     if root.tag != "VTKFile" or root.get("type") != "UnstructuredGrid":
         raise InputError(f"is a {root.tag} of type {root.get('type')}")
     order = {"LittleEndian": "<", "BigEndian": ">"}.get(root.get("byte_order", "LittleEndian"))
@@ -256,8 +260,8 @@ def _layout(root: ET.Element, appended: bytes) -> Layout:
     section = root.find("AppendedData")
     raw = section is not None and section.get("encoding") == "raw"
     if not raw:
-        appended = b"".join(appended.split())
-    return Layout(order, header, compressor is not None, appended, raw)
+        appended = packed(appended)
+    return Layout(order, header, compressor is not None, budget, memoryview(appended), raw)
 
 
 def _mesh(root: ET.Element, layout: Layout) -> VtuMesh:
@@ -326,10 +330,11 @@ def _values(element: ET.Element, rows: int, layout: Layout) -> NDArray[Any]:
         raise InputError(f"array {name} has type {element.get('type')}, {rows} rows and {channels} components")
     text, form = element.text or "", element.get("format", "ascii")
     try:
+        layout.budget.take(8 * rows * channels)
         if form == "ascii":
             values = decode_text(text, code, rows * channels)
         elif form == "binary":
-            source = "".join(text.split()).encode("utf-8")
+            source = memoryview(packed(text.encode("utf-8")))
             values = decode_binary(source, False, layout, code, rows * channels)
         elif form == "appended":
             source = layout.appended[_count(element, "offset") :]

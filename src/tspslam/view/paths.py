@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .._atomic import write_bytes
+from .._files import bad_input
 from ..types import FloatArray
 
 _TRUE, _ESTIMATED = "#1b2430", "#d55e00"
+# What a picture says of its making: nothing that varies with the day or the machine.
+_METADATA: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+    ".svg": {"Creator": None, "Date": None},
+}
 
 
 class PathErrors(Protocol):
@@ -38,20 +46,25 @@ class PathErrors(Protocol):
 
 
 def write_path_picture(errors: PathErrors, path: str | Path) -> None:
-    """Draw both paths from the side that shows most of them, and the error along the true one, as PNG.
+    """Draw both paths from the side that shows most of them, and the error along the true one.
 
     Parameters
     ----------
     errors : TrajectoryErrors
         What `tspslam.evaluate_trajectory` gives.
     path : str or path
-        The file to write.
+        The file to write: PNG, PDF or SVG, as its suffix says.
 
     Raises
     ------
+    InputError
+        If the suffix is another.
     OutputError
         If it cannot be written.
     """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _METADATA:
+        raise bad_input(path, f"has the suffix {suffix!r}", " or ".join(_METADATA))
     figure = Figure(figsize=(11, 4.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     plan, along = figure.subplots(1, 2)
@@ -62,7 +75,8 @@ def write_path_picture(errors: PathErrors, path: str | Path) -> None:
     along.set(xlabel="along the true path, m", ylabel="error of position, m", ylim=(0, None))
     along.legend()
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    with matplotlib.rc_context({"svg.hashsalt": "tspslam"}):  # else its names of parts are random
+        figure.savefig(buffer, format=suffix[1:], metadata=_METADATA[suffix])
     write_bytes(path, buffer.getvalue())
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import one_line, open_input
+from .._files import one_line, open_input, read_bytes
 from ..errors import InputError
 from ..types import Features
+from ._onnx_probe import load_network, run_network, trouble_of
 from .features import SPREAD_RANGES, check_plane, check_ranges, choose_evenly, no_features
 
 _EXPECTED = "an ONNX network from an image (1, 1, H, W) to scores (1, 1, H, W) and descriptors (1, D, h, w)"
@@ -28,7 +29,9 @@ class OnnxDetector:
 
     Its two outputs, in either order, are keypoint scores (1, 1, H, W) or (1, H, W), larger is better, and descriptors
     (1, D, h, w) with D > 1, which are sampled at the keypoints and made of unit length. Peaks of the scores are
-    keypoints. Anything else is a function of your own: grey image (H, W) uint8 -> `Features`.
+    keypoints. A file is first loaded and run in a process of its own, once for each size of image; one that crashes
+    there or keeps its weights in other files is refused. Anything else is a function of your own: grey image (H, W)
+    uint8 -> `Features`.
 
     Attributes
     ----------
@@ -91,11 +94,9 @@ class OnnxDetector:
 
         height, width = grey.shape
         padded = np.pad(grey, [(0, -side % _STEP) for side in grey.shape], mode="edge")
-        net = _load(self.path)
         try:
             with _running:
-                net.setInput(padded[None, None].astype(np.float32) / np.float32(255))
-                outputs = [np.array(each) for each in net.forward(net.getUnconnectedOutLayersNames())]
+                outputs = run_network(_load(self.path, padded.shape), padded)
         except cv2.error as error:
             reason = one_line(str(error))[-120:]
             raise InputError(f"{self.path}: cannot be run ({reason}), expected {_EXPECTED}") from error
@@ -110,19 +111,21 @@ class OnnxDetector:
 
 
 @functools.lru_cache(maxsize=4)
-def _load_version(path: str, stamp: int) -> Any:
-    import cv2
-
-    try:
-        return cv2.dnn.readNetFromONNX(path)
-    except cv2.error as error:
-        raise InputError(f"{path}: is no ONNX network that OpenCV reads ({one_line(str(error))[-120:]})") from error
+def _load_version(path: str, version: tuple[int, int], shape: tuple[int, ...]) -> tuple[Any, str]:
+    """The network, or what is wrong with it, of one version of a file, tried out on images of that shape."""
+    model = read_bytes(path, _EXPECTED)
+    trouble = trouble_of(model, shape)
+    return (None, trouble) if trouble else (load_network(model), "")
 
 
-def _load(path: str) -> Any:
-    """The network of a file; read again when the file has changed."""
+def _load(path: str, shape: tuple[int, ...]) -> Any:
+    """The network of a file; read again when the file has changed, tried out again for images of another shape."""
     with open_input(path or "detector.path", _EXPECTED):
-        return _load_version(path, Path(path).stat().st_mtime_ns)
+        status = Path(path).stat()
+    net, trouble = _load_version(path, (status.st_mtime_ns, status.st_size), shape)
+    if trouble:
+        raise InputError(f"{path}: {trouble}, expected {_EXPECTED}")
+    return net
 
 
 def _peaks(scores: NDArray[np.float32], radius: int, threshold: float) -> NDArray[np.int64]:
