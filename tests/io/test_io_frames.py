@@ -266,7 +266,7 @@ def test_a_bomb_is_refused_before_it_takes_memory(tmp_path):
 
 def test_entries_that_claim_too_much_together_are_refused(tmp_path, monkeypatch):
     data = stored(tmp_path)
-    monkeypatch.setattr("tspslam.io.frames._LARGEST", 1000)
+    monkeypatch.setattr("tspslam._npz._LARGEST", 1000)
     with pytest.raises(InputError, match="more than 1000 bytes"):
         read_frame(saved(tmp_path, data))
 

@@ -428,7 +428,7 @@ def test_a_full_disk_is_an_output_error_and_the_manifest_stays_whole(tmp_path, m
 @pytest.mark.skipif(sys.platform == "win32", reason="no file size limit there")
 def test_a_line_that_only_half_fits_is_cut_off_again(tmp_path):
     path = tmp_path / "manifest.jsonl"
-    append_unit(path, Unit("a", 64 * "0", 1, "", ""))
+    append_unit(path, Unit("map.ply", 64 * "0", 1, "", ""))
     code = f"""
         import resource, signal
         from tspslam.errors import OutputError
@@ -436,7 +436,7 @@ def test_a_line_that_only_half_fits_is_cut_off_again(tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, ({path.stat().st_size + 20}, resource.RLIM_INFINITY))
         try:
-            append_unit({str(path)!r}, Unit("b", 64 * "0", 1, "", ""))
+            append_unit({str(path)!r}, Unit("map.vtu", 64 * "0", 1, "", ""))
         except OutputError as error:
             print("refused:", error)
     """
