@@ -162,6 +162,9 @@ def changed(part, **fields):
         (changed("signals", vertex=np.full(5, np.inf)), "not finite"),
         (changed("signals", vertex_ok=np.zeros(5)), "signals_vertex_ok has dtype"),
         (changed("response", z=np.full(5, np.nan + 0j)), "response_z"),
+        (changed("response", z=np.full(5, 1.7e308 * (1 + 1j))), "response_z holds a value"),
+        (changed("cloud", xyz=np.full((5, 3), 1e300)), "cloud_xyz holds a value"),
+        (changed("cloud", disparity=np.full(5, -np.inf)), "cloud_disparity holds a value"),
         (changed("response", order=1 << 70), "response_order"),
         (changed("response", order=-1), "order -1"),
         (changed("surface", faces=np.array([[0, 1, 5]])), "surface_faces holds 0 to 5"),
@@ -269,6 +272,14 @@ def test_entries_that_claim_too_much_together_are_refused(tmp_path, monkeypatch)
     monkeypatch.setattr("tspslam._npz._LARGEST", 1000)
     with pytest.raises(InputError, match="more than 1000 bytes"):
         read_frame(saved(tmp_path, data))
+
+
+def test_a_small_file_that_unpacks_to_very_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("tspslam._npz._FREE", 1 << 20)
+    parts = entries(stored(tmp_path))
+    parts["signals_vertex.npy"] = npy(np.zeros((5, 1 << 18)))
+    with pytest.raises(InputError, match="claims more than"):
+        read_frame(saved(tmp_path, zipped(parts)))
 
 
 def test_every_truncation_is_seen(tmp_path):

@@ -112,6 +112,14 @@ def test_another_config_is_refused_and_the_key_is_named(tmp_path):
     create(tmp_path).close()
 
 
+def test_of_very_different_settings_some_are_named(tmp_path):
+    with create(tmp_path, {"a": "x" * 10_000, **{f"key{k}": k for k in range(100)}}) as run:
+        finish(run)
+    with pytest.raises(InputError, match=r"a was \"xxx.*; and 91 more; expected") as caught:
+        create(tmp_path, {})
+    assert len(str(caught.value)) < 1500
+
+
 def test_a_config_edited_in_form_only_is_the_same(tmp_path):
     create(tmp_path).close()
     path = tmp_path / "run" / "config.yaml"

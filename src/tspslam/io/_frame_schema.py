@@ -72,7 +72,7 @@ def check(arrays: Arrays) -> None:
         with np.errstate(over="ignore"):
             is_good = np.abs(values) < _LARGEST_VALUE if values.dtype.kind in "fc" else np.isfinite(values)
         if not (is_good | np.isnan(values) if name in MAY_BE_NAN else is_good).all():
-            raise InputError(f"array {name} holds a value that is not finite")
+            raise InputError(f"array {name} holds a value that is not finite or too large")
     if arrays["response_order"] < 0:
         raise InputError(f"has a response of order {arrays['response_order']}")
     _check_indices(arrays, known["n"][0], known["e"][0])

@@ -45,6 +45,7 @@ _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera tha
 # Of the image's width, in the median over a keyframe, from where its landmarks should be seen: runs have less than
 # 0.001, and 0.007 right after a frame was placed wrongly.
 _MOST_OFF = 0.1
+_MOST_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -149,6 +150,8 @@ def _broken_path(state: Arrays, rig: Rig) -> Iterator[str]:
 
 def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
     """Keyframes half of whose landmarks, or their disparities, are far from where they were seen."""
+    if not len(state["keyframe_pose"]):
+        return
     ends = np.cumsum(state["keyframe_sights"])[:-1]
     columns = (np.split(state[name], ends) for name in ("landmark", "uv", "disparity"))
     for k, (T, landmark, uv, disparity) in enumerate(zip(state["keyframe_pose"], *columns, strict=True)):
@@ -158,10 +161,10 @@ def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
         with np.errstate(divide="ignore"):
             expected = rig.fx * rig.baseline / points[:, 2] - rig.doffs + state["offset"][0]
         wide = np.abs(disparity - expected)[~np.isnan(disparity)]
-        if not (_is_small(off / rig.width) and _is_small(wide / rig.width)):
+        if not (_are_within(off, _MOST_OFF * rig.width) and _are_within(wide, _MOST_WIDE * rig.width)):
             yield f"keyframe {k} does not see its landmarks where they are"
 
 
-def _is_small(off: FloatArray) -> bool:
-    """Whether half of the distances, in widths of the image, are small at least; NaN is not."""
-    return bool((off <= _MOST_OFF).sum() >= len(off) / 2)
+def _are_within(off: FloatArray, most: float) -> bool:
+    """Whether at least half of the distances are at most that; NaN is not."""
+    return bool((off <= most).sum() >= len(off) / 2)
