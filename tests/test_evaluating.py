@@ -8,7 +8,7 @@ import pytest
 from tests.datasets import standard
 from tspslam import InputError, cli
 from tspslam.evaluating import evaluated, summary
-from tspslam.io import image_size, read_trajectory, write_kitti, write_tum
+from tspslam.io import RunFolder, image_size, read_trajectory, write_kitti, write_tum
 
 
 @pytest.fixture
@@ -52,8 +52,6 @@ def test_the_command_prints_what_the_function_finds_and_draws(paths, capsys):
 
 
 def test_a_run_folder_is_matched_by_stamp_or_by_the_numbers_of_its_frames(paths, tmp_path):
-    from tspslam.io import RunFolder
-
     run = tmp_path / "run"
     with RunFolder.create(run, {}) as folder:
         estimate = read_trajectory(paths / "estimate.tum")
@@ -108,3 +106,47 @@ def test_a_part_of_a_path_is_matched_by_stamps_that_look_like_numbers_of_lines(t
     write_tum(tmp_path / "far.tum", stamps, poses)
     with pytest.raises(InputError, match="from the origin"):
         evaluated(tmp_path / "far.tum", tmp_path / "whole.tum")
+
+
+STRANGE = {
+    "holds per_frame, a dict": {"per_frame": {"stamp": 1}},
+    "holds per_frame, a str": {"per_frame": "stamp"},
+    "row 0 of per_frame": {"per_frame": ["stamp", "index"]},
+    "row 1 of per_frame": {"per_frame": [{"stamp": 5.0, "index": 0}, {"stamp": 5.1}]},
+    "stamp that can be": {"per_frame": [{"stamp": [5.0], "index": 0}]},
+    "no index": {"per_frame": [{"stamp": 5.0, "index": "0"}]},
+    "no stamp that": {"per_frame": [{"stamp": True, "index": 0}]},
+    "index or no": {"per_frame": [{"stamp": 5.0, "index": 1 << 70}]},
+    "holds NaN": b'{"per_frame": [{"stamp": NaN, "index": 0}]}',
+    "holds -Infinity": b'{"per_frame": [], "more": -Infinity}',
+    "no index or no stamp": b'{"per_frame": [{"stamp": 1' + 400 * b"0" + b', "index": 0}]}',
+    "is not JSON": b'{"per_frame": [{"index": 1' + 5000 * b"0" + b"}]}",
+    "not JSON": b'{"per_frame": ' + 100_000 * b"[" + b"}",
+    "holds a list": b"[]",
+}
+
+
+@pytest.mark.parametrize("said", STRANGE)
+def test_a_run_folder_of_a_stranger_is_read_or_one_line(paths, capsys, said):
+    with RunFolder.create(paths / "run", {}) as folder:
+        estimate = read_trajectory(paths / "estimate.tum")
+        folder.write_trajectory(estimate.stamp, estimate.T_world_camera)
+        folder.write_run({"per_frame": [{"stamp": float(estimate.stamp[k]), "index": k} for k in range(60)]})
+        assert folder.read_rows()[7] == {"stamp": float(estimate.stamp[7]), "index": 7}
+    content = STRANGE[said]
+    (paths / "run/run.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+    command = ["eval", str(paths / "run"), "--truth", str(paths / "truth.tum")]
+    assert cli._exit_code(command) == cli.BAD_INPUT
+    err = capsys.readouterr().err
+    assert said in err
+    assert "run.json" in err
+    assert err.count("\n") == 1
+
+
+def test_of_frames_of_one_moment_the_first_one_counts(paths):
+    with RunFolder.create(paths / "run", {}) as folder:
+        estimate = read_trajectory(paths / "estimate.tum")
+        folder.write_trajectory(estimate.stamp, estimate.T_world_camera)
+        rows = [{"stamp": float(estimate.stamp[k]), "index": k} for k in range(60)]
+        folder.write_run({"per_frame": [*rows, {"stamp": float(estimate.stamp[-1]), "index": 60}]})
+    assert evaluated(paths / "run", paths / "truth.txt").matched == 60

@@ -7,7 +7,7 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_files", "_jit", "_yaml", "types", "errors"}  # what any room may stand on
+GROUND = {"_atomic", "_files", "_jit", "_npz", "_yaml", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
     "cli": {
@@ -32,7 +32,8 @@ BELOW = {  # what each room may import, besides itself
     "filtering": {"doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,
     "doors": {"io", "vision", "topology"} | GROUND,
     "pipeline": {"config", "journey", "records", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,
-    "journey": {"merging", "records", "session", "io", "vision", "topology"} | GROUND,
+    "journey": {"_checkpoint", "merging", "records", "session", "io", "vision", "topology"} | GROUND,
+    "_checkpoint": {"vision"} | GROUND,
     "merging": {"io", "topology"} | GROUND,
     "records": {"session", "vision", "topology"} | GROUND,
     "config": {"session", "vision", "topology"} | GROUND,
@@ -44,6 +45,7 @@ BELOW = {  # what each room may import, besides itself
     "topology": GROUND,
     "_atomic": {"_files", "errors"},
     "_files": {"errors"},
+    "_npz": {"_files", "errors"},
     "_yaml": {"_files"},
     "types": {"errors"},
     "_jit": set(),

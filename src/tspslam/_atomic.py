@@ -25,10 +25,12 @@ def bad_output(path: PathLike, error: Exception) -> OutputError:
     )
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it; `OutputError` if that cannot be done."""
+def make_folder(folder: Path) -> list[Path]:
+    """Make a folder, and those above it; `OutputError` if that cannot be done. Returns those made, the first first."""
     try:
+        made = [place for place in (*reversed(folder.parents), folder) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        return made
     except (OSError, ValueError) as error:
         raise bad_output(folder, error) from error
 
@@ -111,6 +113,11 @@ def write_bytes(path: PathLike, data: bytes) -> None:
     """
     with atomic_write(path) as handle:
         handle.write(data)
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file of that name is what `atomic_write` leaves where it is killed."""
+    return name.startswith(TEMPORARY_PREFIX) and name.endswith(TEMPORARY_SUFFIX)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from typing import BinaryIO
@@ -12,6 +13,7 @@ PathLike = str | os.PathLike[str]
 
 LARGEST_FILE = 1 << 32
 """Bytes; a larger file is refused before it is read."""
+_JUNCTION = 0xA0000003  # IO_REPARSE_TAG_MOUNT_POINT
 
 # Deflate packs up to 1032 : 1, and arrays of a file may share their bytes; real ones stay below 64 : 1 as a whole.
 _UNPACKED, _UNPACKED_EACH = 1 << 28, 64  # bytes for any file, and for each of its bytes
@@ -37,6 +39,23 @@ def reason_of(error: Exception) -> str:
 def unpacked_limit(size: int) -> int:
     """Bytes that all arrays of a file of `size` bytes may take together once they are unpacked."""
     return min(LARGEST_FILE, _UNPACKED + _UNPACKED_EACH * size)
+
+
+def is_link(status: os.stat_result) -> bool:
+    """Whether `os.lstat` found a link: a symbolic one, or a junction of Windows."""
+    return stat.S_ISLNK(status.st_mode) or getattr(status, "st_reparse_tag", 0) == _JUNCTION
+
+
+def open_own(path: str, flags: int) -> int:
+    """As `opener` of `open`: writes only into a regular file that has this one name, never through a link."""
+    # Windows has neither flag; there, who writes has looked for links before.
+    kept = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    descriptor = os.open(path, flags | kept, 0o666)
+    status = os.fstat(descriptor)
+    if stat.S_ISREG(status.st_mode) and status.st_nlink <= 1:
+        return descriptor
+    os.close(descriptor)
+    raise OSError(errno.EMLINK, "is no regular file, or has a second name")
 
 
 def open_input(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> BinaryIO:

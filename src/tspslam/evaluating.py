@@ -71,9 +71,9 @@ def _estimate(run: Path) -> tuple[Trajectory, np.ndarray]:
     if not run.is_dir():
         path = read_trajectory(run)
         return path, np.arange(len(path), dtype=np.float64)
+    rows = RunFolder.open(run).read_rows()
     path = read_trajectory(run / "trajectory.tum")
-    rows = RunFolder.open(run).read_run().get("per_frame", [])
-    numbers = {row["stamp"]: row["index"] for row in rows if "stamp" in row}
+    numbers = {float(row["stamp"]): row["index"] for row in reversed(rows)}  # of one moment, the first
     lost = [stamp for stamp in path.stamp.tolist() if stamp not in numbers]
     if lost:
         raise InputError(f"{run / 'trajectory.tum'}: stamp {lost[0]!r} is not in run.json, expected those of one run")

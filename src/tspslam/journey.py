@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
 import json
-import zipfile
-import zlib
+import logging
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -16,6 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from . import __version__
+from ._checkpoint import pack, unpack
+from ._files import one_line, read_bytes
 from .errors import InputError
 from .io import RunFolder, StoredFrame, read_frame, write_bytes, write_frame
 from .merging import merged
@@ -27,8 +26,7 @@ from .vision.rig import check_pair
 
 STATE_NAME = "state.npz"
 _MADE_BY = f"tspslam {__version__}, state 3".encode()  # others' checkpoints do not count
-# What a checkpoint that something else has changed may raise: it does not count.
-_DAMAGED = (InputError, LookupError, OSError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
+_LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
 
@@ -148,7 +146,7 @@ class Journey:
         return row
 
     def _store(self, frame: Frame, row: Row, key: str) -> None:
-        """Write a frame and its numbers, unless that is done; one without a complex has a pose, but no file."""
+        """Write a frame and its numbers; one without a complex has a pose, but no file."""
         try:
             numbers = frame_row(frame, key, with_complex=True)
         except InputError as error:
@@ -156,11 +154,10 @@ class Journey:
             row["no_complex"] = str(error)
             return
         path, watch = self.folder.frame_path(frame.index), Stopwatch()
-        if not self.folder.is_done(path, input_hash=key):
-            write_frame(path, frame)
-            self.folder.record(path, input_hash=key)
+        write_frame(path, frame)
+        self.folder.record(path, input_hash=key)
         beside = path.with_suffix(".json")
-        write_bytes(beside, (json.dumps(numbers, indent=1, allow_nan=False) + "\n").encode())
+        write_bytes(beside, _text(numbers))
         self.folder.record(beside, input_hash=key)
         watch.lap("write")
         row |= numbers
@@ -172,48 +169,71 @@ class Journey:
             self._writing.pop(0).result()
 
     def _save(self) -> None:
-        """Write a checkpoint: all that the next frame depends on."""
+        """Write a checkpoint: all that the next frame depends on; of a run that has given nothing yet there is none."""
         self._wait_for_writing(0)
-        plain = [{name: value for name, value in row.items() if name != "seconds"} for row in self.rows]
-        text = np.frombuffer(json.dumps(plain, allow_nan=False).encode(), np.uint8)
-        buffer, path = io.BytesIO(), self.folder.path / STATE_NAME
-        made_by = np.frombuffer(_MADE_BY, np.uint8)
-        np.savez(buffer, allow_pickle=False, made_by=made_by, rows=text, **self.session.odometry.state())
-        write_bytes(path, buffer.getvalue())
-        self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
         self._saved = len(self.rows)
+        if not self.stored:
+            return
+        plain, path = [_without_seconds(row) for row in self.rows], self.folder.path / STATE_NAME
+        write_bytes(path, pack(_MADE_BY, plain, self.session.odometry.state()))
+        self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
         unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
-        if unit is None or not self.folder.is_done(path, input_hash=unit.input):
+        if unit is None:
             return
-        with contextlib.suppress(*_DAMAGED):
+        try:
+            if not self.folder.is_done(path, input_hash=unit.input):
+                raise InputError("it was changed since the run")
             self._take_over(path)
+        except InputError as error:
+            _LOG.warning(one_line(f"{path}: does not count ({error}); all frames are made anew"))
 
     def _take_over(self, path: Path) -> None:
         """Go on from a checkpoint of this version whose images and files are as they were."""
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-            state = {name: archive[name] for name in archive.files}
-        if state.pop("made_by").tobytes() != _MADE_BY:
-            return
-        rows: list[Row] = json.loads(state.pop("rows").tobytes())
+        rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+        if len(rows) > len(self.wanted):
+            raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
+        for index, row in zip(self.wanted, rows, strict=False):
+            self._check_as_before(index, row)
         places = [row["index"] for row in rows if "skipped" not in row]
-        whole = len(places) == len(state["stamps"]) == len(state["anchors"]) and len(rows) <= len(self.wanted)
-        if whole and all(map(self._is_as_before, self.wanted, rows)):
-            session = Session(self.source.rig, self.session.settings)
-            session.odometry.restore(state, lambda number: self._image(places[number]))
-            self.session, self.rows = session, rows
+        session = Session(self.source.rig, self.session.settings)
+        session.odometry.restore(state, lambda number: self._image(places[number]))
+        self.session, self.rows = session, rows
 
     def _image(self, index: int) -> Image:
         return self.source[index].left
 
-    def _is_as_before(self, index: int, row: Row) -> bool:
-        path, key = self.folder.frame_path(index), row["input_hash"]
-        files = (path, path.with_suffix(".json")) if "points" in row else ()
-        if not all(self.folder.is_done(file, input_hash=key) for file in files):
+    def _check_as_before(self, index: int, row: Row) -> None:
+        """Raise `InputError` unless a row is of that pair as it is now, and its files are what the row says."""
+        pair = self._one(index)
+        is_same = row["index"] == index and row["input_hash"] == _input_hash(pair, self.session)
+        if isinstance(pair, InputError):
+            is_same &= row.get("skipped") == str(pair)
+        elif "skipped" not in row:
+            is_same &= (row["name"], row["stamp"]) == (pair.name, pair.stamp)
+        if not is_same or ("points" in row and not self._is_stored(row)):
+            raise InputError(f"the images or the files of frame {index} are not those that it was made from")
+
+    def _is_stored(self, row: Row) -> bool:
+        """Whether a frame's files are as they were left, and of those numbers."""
+        path = self.folder.frame_path(row["index"])
+        files = path, path.with_suffix(".json")
+        if not all(self.folder.is_done(file, input_hash=row["input_hash"]) for file in files):
             return False
-        return row["index"] == index and row["input_hash"] == _input_hash(self._one(index), self.session)
+        frame = read_frame(path)
+        sizes = len(frame.cloud), len(frame.complex_.edges), len(frame.complex_.faces)
+        is_same = sizes == (row["points"], row["edges"], row["faces"]) and frame.index == row["index"]
+        return is_same and read_bytes(files[1], "the numbers of a frame") == _text(row)
+
+
+def _without_seconds(row: Row) -> Row:
+    return {name: value for name, value in row.items() if name != "seconds"}
+
+
+def _text(numbers: Row) -> bytes:
+    return (json.dumps(numbers, indent=1, allow_nan=False) + "\n").encode()
 
 
 def folder_name(row: Row) -> str:

@@ -72,7 +72,7 @@ def run(
     source : Source
         The pairs.
     out : path
-        The run folder; new, empty, or of the same settings (then finished frames are kept).
+        The run folder; new, empty, or of the same settings (then it goes on from the last checkpoint).
     resolved : Resolved
         The settings.
     frames : range, optional

@@ -162,6 +162,9 @@ def changed(part, **fields):
         (changed("signals", vertex=np.full(5, np.inf)), "not finite"),
         (changed("signals", vertex_ok=np.zeros(5)), "signals_vertex_ok has dtype"),
         (changed("response", z=np.full(5, np.nan + 0j)), "response_z"),
+        (changed("response", z=np.full(5, 1.7e308 * (1 + 1j))), "response_z holds a value"),
+        (changed("cloud", xyz=np.full((5, 3), 1e300)), "cloud_xyz holds a value"),
+        (changed("cloud", disparity=np.full(5, -np.inf)), "cloud_disparity holds a value"),
         (changed("response", order=1 << 70), "response_order"),
         (changed("response", order=-1), "order -1"),
         (changed("surface", faces=np.array([[0, 1, 5]])), "surface_faces holds 0 to 5"),
@@ -266,9 +269,17 @@ def test_a_bomb_is_refused_before_it_takes_memory(tmp_path):
 
 def test_entries_that_claim_too_much_together_are_refused(tmp_path, monkeypatch):
     data = stored(tmp_path)
-    monkeypatch.setattr("tspslam.io.frames.unpacked_limit", lambda _: 1000)
+    monkeypatch.setattr("tspslam._npz.unpacked_limit", lambda _: 1000)
     with pytest.raises(InputError, match="may take 1000"):
         read_frame(saved(tmp_path, data))
+
+
+def test_a_small_file_that_unpacks_to_very_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("tspslam._files._UNPACKED", 1 << 20)
+    parts = entries(stored(tmp_path))
+    parts["signals_vertex.npy"] = npy(np.zeros((5, 1 << 18)))
+    with pytest.raises(InputError, match="may take"):
+        read_frame(saved(tmp_path, zipped(parts)))
 
 
 def test_every_truncation_is_seen(tmp_path):

@@ -112,6 +112,14 @@ def test_another_config_is_refused_and_the_key_is_named(tmp_path):
     create(tmp_path).close()
 
 
+def test_of_very_different_settings_some_are_named(tmp_path):
+    with create(tmp_path, {"a": "x" * 10_000, **{f"key{k}": k for k in range(100)}}) as run:
+        finish(run)
+    with pytest.raises(InputError, match=r"a was \"xxx.*; and 91 more; expected") as caught:
+        create(tmp_path, {})
+    assert len(str(caught.value)) < 1500
+
+
 def test_a_config_edited_in_form_only_is_the_same(tmp_path):
     create(tmp_path).close()
     path = tmp_path / "run" / "config.yaml"
@@ -428,7 +436,7 @@ def test_a_full_disk_is_an_output_error_and_the_manifest_stays_whole(tmp_path, m
 @pytest.mark.skipif(sys.platform == "win32", reason="no file size limit there")
 def test_a_line_that_only_half_fits_is_cut_off_again(tmp_path):
     path = tmp_path / "manifest.jsonl"
-    append_unit(path, Unit("a", 64 * "0", 1, "", ""))
+    append_unit(path, Unit("map.ply", 64 * "0", 1, "", ""))
     code = f"""
         import resource, signal
         from tspslam.errors import OutputError
@@ -436,7 +444,7 @@ def test_a_line_that_only_half_fits_is_cut_off_again(tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, ({path.stat().st_size + 20}, resource.RLIM_INFINITY))
         try:
-            append_unit({str(path)!r}, Unit("b", 64 * "0", 1, "", ""))
+            append_unit({str(path)!r}, Unit("map.vtu", 64 * "0", 1, "", ""))
         except OutputError as error:
             print("refused:", error)
     """

@@ -13,6 +13,7 @@ from ..errors import InputError
 MARK = "# tspslam run\n"
 _LARGEST = 1 << 18
 _DEEPEST = 20
+_LONGEST = 100  # characters of a value in a message
 
 
 def plain(value: object, key: str = "", depth: int = 0) -> Any:
@@ -27,7 +28,9 @@ def plain(value: object, key: str = "", depth: int = 0) -> Any:
         return {name: plain(value[name], f"{key}.{name}".lstrip("."), depth + 1) for name in sorted(value)}
     if depth < _DEEPEST and isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
         return [plain(each, f"{key}[{i}]", depth + 1) for i, each in enumerate(value)]
-    raise InputError(f"config: {key or 'the whole'} is {value!r}, expected text, finite numbers, lists, mappings")
+    raise InputError(
+        f"config: {key or 'the whole'} is {repr(value)[:_LONGEST]}, expected text, finite numbers, lists, mappings"
+    )
 
 
 def hash_of(config: object) -> str:
@@ -64,9 +67,15 @@ def differences(old: object, new: object, key: str = "") -> list[str]:
             if name in old and name in new:
                 lines += differences(old[name], new[name], inner)
             else:
-                said = [json.dumps(each[name]) if name in each else "absent" for each in (old, new)]
+                said = [_shown(each[name]) if name in each else "absent" for each in (old, new)]
                 lines.append(f"{inner} was {said[0]} and is now {said[1]}")
         return lines
     # True == 1 in Python, but not in a config.
     was, now = json.dumps(old, sort_keys=True), json.dumps(new, sort_keys=True)
-    return [] if was == now else [f"{key or 'the whole'} was {was} and is now {now}"]
+    return [] if was == now else [f"{key or 'the whole'} was {_shown(old)} and is now {_shown(new)}"]
+
+
+def _shown(value: object) -> str:
+    """Return a value as JSON, the rest of a long one left out."""
+    text = json.dumps(value, sort_keys=True)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

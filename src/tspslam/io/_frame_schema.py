@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._npz import Arrays, check_shapes
 from ..errors import InputError
-
-Arrays = dict[str, NDArray[Any]]
 
 MAGIC = "tspslam frame"
 VERSION = 1
@@ -51,32 +49,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
 OPTIONAL = frozenset({"cloud_covariance"})
 # A point without a projection has NaN pixels.
 MAY_BE_NAN = frozenset({"cloud_uv", "cloud_disparity"})
-
-_NPY = re.compile(
-    rb"\x93NUMPY\x01\x00(..)\{'descr': '([<|][a-z]\d{1,2})', 'fortran_order': False, "
-    rb"'shape': \((|\d{1,11},|\d{1,11}(?:, \d{1,11}){1,3})\), \} *\n",
-    re.DOTALL,
-)
-
-
-def parse_array(name: str, data: bytes) -> NDArray[Any]:
-    """Return the array of one entry, after its header was held against the schema and the entry's size."""
-    found = _NPY.match(data)
-    if not found or found.end() != 10 + int.from_bytes(found[1], "little"):
-        raise InputError(f"array {name} has no header of ours")
-    dtype, text = found[2].decode("ascii"), found[3].decode("ascii")
-    if dtype != SCHEMA[name][0]:
-        raise InputError(f"array {name} has type {dtype}, where {SCHEMA[name][0]} goes")
-    shape = tuple(int(size) for size in text.split(",") if size)
-    claimed = np.dtype(dtype).itemsize
-    for size in shape:
-        claimed *= size
-    if claimed != len(data) - found.end():
-        raise InputError(f"array {name} claims {claimed} bytes and has {len(data) - found.end()}")
-    values = np.frombuffer(data, dtype, offset=found.end()).reshape(shape)
-    if dtype == "|b1" and values.size and values.view(np.uint8).max() > 1:
-        raise InputError(f"array {name} holds a byte that is neither true nor false")
-    return values.copy()
+_LARGEST_VALUE = 1e100  # whose square is still finite; covariances of points at infinity come to 1e40
 
 
 def to_schema(name: str, value: Any) -> NDArray[Any]:
@@ -94,26 +67,15 @@ def to_schema(name: str, value: Any) -> NDArray[Any]:
 def check(arrays: Arrays) -> None:
     """Raise `InputError` unless the arrays, all that are not optional, are those of one consistent frame."""
     known: dict[str, tuple[int, ...]] = {"n": (int(arrays["complex_n"]),)} if arrays["complex_n"].ndim == 0 else {}
+    check_shapes(arrays, SCHEMA, known)
     for name, values in arrays.items():
-        _check_shape(name, values.shape, known)
-        is_bad = np.isinf(values) if name in MAY_BE_NAN else ~np.isfinite(values)
-        if is_bad.any():
-            raise InputError(f"array {name} holds a value that is not finite")
+        with np.errstate(over="ignore"):
+            is_good = np.abs(values) < _LARGEST_VALUE if values.dtype.kind in "fc" else np.isfinite(values)
+        if not (is_good | np.isnan(values) if name in MAY_BE_NAN else is_good).all():
+            raise InputError(f"array {name} holds a value that is not finite or too large")
     if arrays["response_order"] < 0:
         raise InputError(f"has a response of order {arrays['response_order']}")
     _check_indices(arrays, known["n"][0], known["e"][0])
-
-
-def _check_shape(name: str, shape: tuple[int, ...], known: dict[str, tuple[int, ...]]) -> None:
-    expected: tuple[int, ...] = ()
-    for axis in SCHEMA[name][1]:
-        at = len(expected)
-        if isinstance(axis, int):
-            expected += (axis,)
-        else:
-            expected += known.setdefault(axis, shape[at : at + 1])
-    if shape != expected:
-        raise InputError(f"array {name} has shape {shape}, where {expected} goes")
 
 
 def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:

@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import cast
 
 from .._atomic import bad_output, write_bytes
-from .._files import PathLike, bad_input, open_input, read_bytes, reason_of
+from .._files import PathLike, bad_input, open_input, open_own, read_bytes, reason_of
+from ._places import is_result
 
 _EXPECTED = "a manifest of finished units"
 _HASH = re.compile("[0-9a-f]{64}")
+_LARGEST = 1 << 30  # bytes: some two million frames
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def read_manifest(path: PathLike) -> tuple[dict[str, Unit], int]:
     Raises
     ------
     InputError
-        If a line other than the last is damaged.
+        If a line other than the last is damaged, or one names a file that no run makes.
 
     Examples
     --------
@@ -107,13 +109,13 @@ def read_manifest(path: PathLike) -> tuple[dict[str, Unit], int]:
     if not target.exists() or (target.is_file() and target.stat().st_size == 0):
         return {}, 0
     units: dict[str, Unit] = {}
-    lines = read_bytes(path, _EXPECTED).splitlines(keepends=True)
+    lines = read_bytes(path, _EXPECTED, _LARGEST).splitlines(keepends=True)
     size = 0
     for number, line in enumerate(lines, start=1):
         unit = _unit(line)
-        if unit is None:
-            if number == len(lines):
-                break
+        if unit is None and number == len(lines):
+            break
+        if unit is None or not is_result(unit.name):
             raise bad_input(path, f"line {number} is damaged", _EXPECTED)
         units[unit.name] = unit
         size += len(line)
@@ -144,14 +146,14 @@ def append_unit(path: PathLike, unit: Unit) -> None:
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     append_unit(f"{folder}/manifest.jsonl", Unit("a", 64 * "0", 3, "", ""))
+    ...     append_unit(f"{folder}/manifest.jsonl", Unit("map.ply", 64 * "0", 3, "", ""))
     ...     units, size = read_manifest(f"{folder}/manifest.jsonl")
-    >>> units["a"].bytes
+    >>> units["map.ply"].bytes
     3
     """
     line = _line(unit)
     try:
-        with open(path, "ab", buffering=0) as handle:
+        with open(path, "ab", buffering=0, opener=open_own) as handle:
             before = handle.seek(0, os.SEEK_END)
             try:
                 written = handle.write(line)

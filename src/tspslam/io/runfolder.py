@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, make_folder, write_bytes
-from .._files import PathLike, bad_input, one_line, read_bytes
+from .._atomic import bad_output, make_folder, write_bytes
+from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError, OutputError
 from . import _config
-from .lock import LOCK_NAME, FolderLock
+from ._places import CONFIG, MANIFEST, PARTS, TIMINGS, check_places, is_result, is_word
+from ._record import checked_rows
+from ._settling import is_ours, read_config, refuse_foreign, settle_config, sweep, unmake
+from .lock import FolderLock
 from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manifest
 from .trajectory import write_kitti, write_tum
 
-_CONFIG, _MANIFEST = "config.yaml", "manifest.jsonl"
-_EXPECTED = "an empty or new folder, or a run folder of ours"
+_LARGEST_JSON = 1 << 30  # bytes
 
 
 class RunFolder:
     """The folder of one run. Make or resume it with `create`, look into it with `open`; use it in a ``with`` block.
+
+    A block that an error ends before a first file is finished leaves nothing behind that `create` made. No link in a
+    run folder is ever followed: one in the place of a file or folder of ours is refused.
 
     Attributes
     ----------
@@ -49,12 +54,14 @@ class RunFolder:
     True
     """
 
-    def __init__(self, path: Path, config: Mapping[str, Any], lock: FolderLock | None) -> None:
+    def __init__(
+        self, path: Path, config: Mapping[str, Any], lock: FolderLock | None, made: Sequence[Path] = ()
+    ) -> None:
         self.path = path
         self.config = config
         self.config_hash = _config.hash_of(config)
-        self._lock = lock
-        self._manifest = path / _MANIFEST
+        self._lock, self._made = lock, made
+        self._manifest = path / MANIFEST
         self.units, self._size = read_manifest(self._manifest)
 
     @classmethod
@@ -76,26 +83,26 @@ class RunFolder:
         Raises
         ------
         InputError
-            If the folder holds something else, a run of other settings (each differing key is named), or a run that
-            is still going on.
+            If the folder holds something else, a link in a place of ours, a damaged manifest, a run of other settings
+            (each differing key is named), or a run that is still going on. Nothing is touched then.
         OutputError
             If the folder cannot be made or written.
         """
         folder, settings = Path(path), _config.plain(config)
         if not isinstance(settings, dict):
             raise InputError(f"config is {type(config).__name__}, expected a mapping")
-        _refuse_foreign(folder)
-        make_folder(folder)
-        lock = FolderLock(folder)
+        refuse_foreign(folder)
+        made, lock = make_folder(folder), None
         try:
-            _settle_config(folder, settings)
-            for part in ("frames", "pictures"):
-                make_folder(folder / part)
-            _sweep(folder)
-            run = cls(folder, settings, lock)
-            run._cut_torn_line()
+            lock = FolderLock(folder)
+            made += settle_config(folder, settings)
+            for part in PARTS:
+                made += make_folder(folder / part)
+            sweep(folder)
+            run = cls(folder, settings, lock, made)
+            run._own_manifest()
         except BaseException:
-            lock.release()
+            unmake(folder, made, lock)
             raise
         return run
 
@@ -116,12 +123,16 @@ class RunFolder:
         Raises
         ------
         InputError
-            If it is not a run folder of ours, or damaged.
+            If it is not a run folder of ours, or damaged, or has a link in a place of ours.
         """
         folder = Path(path)
-        if not _is_ours(folder):
-            raise bad_input(path, f"holds no {_CONFIG} of a run", "a run folder of ours")
-        return cls(folder, _read_config(folder), None)
+        try:
+            check_places(folder)
+        except (OSError, ValueError) as error:
+            raise bad_input(path, f"cannot be read ({reason_of(error)})", "a run folder of ours") from error
+        if not is_ours(folder):
+            raise bad_input(path, f"holds no {CONFIG} of a run", "a run folder of ours")
+        return cls(folder, read_config(folder), None)
 
     def close(self) -> None:
         """Let go of the lock; a second call does nothing."""
@@ -135,6 +146,8 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if error is not None and self._lock is not None and not self.units:
+            unmake(self.path, self._made, self._lock)
         self.close()
 
     def frame_path(self, index: int) -> Path:
@@ -143,7 +156,7 @@ class RunFolder:
 
     def picture_path(self, name: str) -> Path:
         """Return where the picture of that name (one word, without suffix) goes."""
-        if not name or not all(character.isalnum() or character in "-_" for character in name):
+        if not is_word(name):
             raise InputError(one_line(f"picture is called {name!r}; expected letters, digits, - and _"))
         return self.path / "pictures" / f"{name}.png"
 
@@ -180,12 +193,14 @@ class RunFolder:
         Raises
         ------
         InputError
-            If the file is not in this folder, or cannot be read.
+            If the file is not one that a run makes in this folder, or cannot be read.
         OutputError
             If the manifest cannot be written.
         """
         self._writable(self._manifest)
         name = self._name(path)
+        if not is_result(name):
+            raise bad_input(path, "is not in its place", "a file that a run makes")
         unit = Unit(name, sha256_file(path), os.path.getsize(path), input_hash, self.config_hash)
         append_unit(self._manifest, unit)
         self.units[name] = unit
@@ -270,15 +285,31 @@ class RunFolder:
 
     def write_timings(self, values: Mapping[str, Any]) -> None:
         """Write ``timings.json``, the only place for what varies from run to run."""
-        self._write_json("timings.json", values)
+        self._write_json(TIMINGS, values)
 
     def read_run(self) -> dict[str, Any]:
         """Return what ``run.json`` holds; `InputError` if it is missing or damaged."""
         return self._read_json("run.json")
 
+    def read_rows(self) -> list[dict[str, Any]]:
+        """Return the rows of ``per_frame`` in ``run.json``: numbers of each frame that has a pose, in order.
+
+        Each has at least its ``index`` and its ``stamp``. A run of a single mesh has none.
+
+        Returns
+        -------
+        list of dict
+
+        Raises
+        ------
+        InputError
+            If ``run.json`` is missing or damaged, or its rows are no such rows.
+        """
+        return checked_rows(self.path / "run.json", self.read_run())
+
     def read_timings(self) -> dict[str, Any]:
         """Return what ``timings.json`` holds; `InputError` if it is missing or damaged."""
-        return self._read_json("timings.json")
+        return self._read_json(TIMINGS)
 
     def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> list[Path]:
         """Write ``trajectory.tum`` and ``trajectory.kitti.txt``.
@@ -314,7 +345,7 @@ class RunFolder:
     def _read_json(self, name: str) -> dict[str, Any]:
         target = self.path / name
         try:
-            values = json.loads(read_bytes(target, "a JSON object"))
+            values = json.loads(read_bytes(target, "a JSON object", _LARGEST_JSON), parse_constant=_refuse_constant)
         except (ValueError, RecursionError) as error:
             raise bad_input(target, f"is not JSON ({error})", "a JSON object") from error
         if not isinstance(values, dict):
@@ -331,68 +362,18 @@ class RunFolder:
         if self._lock is None:
             raise OutputError(one_line(f"{target}: the run folder is open for reading only; expected a created one"))
 
-    def _cut_torn_line(self) -> None:
+    def _own_manifest(self) -> None:
+        """Write the manifest anew without a torn last line, or if the file has a second name, which others may use."""
         try:
-            if self._manifest.exists() and self._manifest.stat().st_size > self._size:
-                with open(self._manifest, "r+b") as handle:
-                    handle.truncate(self._size)
-                    os.fsync(handle.fileno())
+            status = os.lstat(self._manifest)
+        except FileNotFoundError:
+            return
         except OSError as error:
             raise bad_output(self._manifest, error) from error
+        if status.st_size > self._size or status.st_nlink > 1:
+            whole = read_bytes(self._manifest, "a manifest")[: self._size] if status.st_size else b""
+            write_bytes(self._manifest, whole)
 
 
-def _is_ours(folder: Path) -> bool:
-    try:
-        with open(folder / _CONFIG, "rb") as handle:
-            return handle.readline(len(_config.MARK) + 2).replace(b"\r\n", b"\n") == _config.MARK.encode("ascii")
-    except (OSError, ValueError):
-        return False
-
-
-def _refuse_foreign(folder: Path) -> None:
-    try:
-        names = os.listdir(folder)
-    except (FileNotFoundError, NotADirectoryError):
-        return
-    except (OSError, ValueError) as error:
-        raise bad_output(folder, error) from error
-    # An interrupted start leaves no more than these.
-    alien = [name for name in names if name != LOCK_NAME and not _is_temporary(name)]
-    if alien and not _is_ours(folder):
-        raise bad_input(folder, f"holds {sorted(alien)[0]!r} and no {_CONFIG} of a run", _EXPECTED)
-
-
-def _read_config(folder: Path) -> dict[str, Any]:
-    data = read_bytes(folder / _CONFIG, "the settings of a run")
-    try:
-        config = _config.load(data)
-    except InputError as error:
-        raise bad_input(folder / _CONFIG, str(error), "the settings of a run") from error
-    if not isinstance(config, dict):
-        raise bad_input(folder / _CONFIG, "is no mapping", "the settings of a run")
-    return config
-
-
-def _settle_config(folder: Path, config: dict[str, Any]) -> None:
-    """Write the settings into a folder without a finished unit; hold them against those of any other."""
-    if not _is_ours(folder) or not read_manifest(folder / _MANIFEST)[0]:
-        write_bytes(folder / _CONFIG, _config.dump(config))
-        return
-    lines = _config.differences(_read_config(folder), config)
-    if lines:
-        raise bad_input(folder, "; ".join(lines), "the settings of the run in it, or another folder")
-
-
-def _is_temporary(name: str) -> bool:
-    return name.startswith(TEMPORARY_PREFIX) and name.endswith(TEMPORARY_SUFFIX)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove the temporary files of a run that was killed."""
-    try:
-        for part in (folder, folder / "frames", folder / "pictures"):
-            for entry in part.iterdir():
-                if _is_temporary(entry.name):
-                    entry.unlink()
-    except OSError as error:
-        raise bad_output(folder, error) from error
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"it holds {name}")

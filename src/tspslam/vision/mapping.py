@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..types import BoolArray, FloatArray, Image, Rig
 from .bundle import Adjustment, Observations, adjust
 from .features import grey_levels
@@ -170,16 +171,19 @@ class Map:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Become the map of that `state`; `image_of` gives the left image of a frame by its number."""
+        """Become the map of that `state`, once checked; `image_of` gives the left image of a frame by its number."""
+        shown = state["keyframe_has_image"]
+        if not shown[-_LOOKED_FOR:].all() or shown.sum() > self._most_images():
+            raise InputError("map: the state has too few or too many images, expected those of the last keyframes")
         self.xyz, self.words = state["xyz"], state["words"]
         self.offset.state, self.is_bent = tuple(state["offset"].tolist()), bool(state["is_bent"])
         ends = np.cumsum(state["keyframe_sights"])
         self.keyframes = []
         for k, index in enumerate(state["keyframe_index"].tolist()):
             rows = slice(ends[k] - state["keyframe_sights"][k], ends[k])
-            shown = image_of(index) if state["keyframe_has_image"][k] else None
-            grey = None if shown is None else np.array(grey_levels(shown))
-            image = pyramid(shown) if shown is not None and k >= len(ends) - _LOOKED_FOR else None
+            left = image_of(index) if shown[k] else None
+            grey = None if left is None else np.array(grey_levels(left))
+            image = pyramid(left) if left is not None and k >= len(ends) - _LOOKED_FOR else None
             landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
             T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
             self.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..types import FloatArray, Image, Rig, StereoPair, Trajectory
+from ._state import check_state
 from ._stopwatch import Stopwatch
 from .bundle import Adjustment
 from .dense import checked_map, sample_map
@@ -206,14 +207,16 @@ class Odometry:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0."""
-        floats = ("stamps", "anchored", "poses", "row_offset", "xyz", "keyframe_pose", "offset")
-        count = len(state["xyz"])
-        beyond = bool((state.get("landmark", np.empty(0)) >= count).any())
-        beyond |= not np.isin(state["anchors"], state["keyframe_index"]).all()
-        if beyond or len(state["words"]) != count or not all(np.isfinite(state[name]).all() for name in floats):
-            raise InputError("odometry: the state does not hold together, expected what `state` gave")
+        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0.
+
+        Raises
+        ------
+        InputError
+            If it is none that this odometry can have given.
+        """
+        check_state(state, self.rig)
         self.map.restore(state, image_of)
+        self._check_words(image_of)
         self._stamps = state["stamps"].tolist()
         self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
         self._pose, self._motion = state["poses"]
@@ -221,6 +224,15 @@ class Odometry:
         self._row_offset = float(state["row_offset"])
         if asked:  # what was under way began from this very map
             self._ask()
+
+    def _check_words(self, image_of: Callable[[int], Image]) -> None:
+        """Refuse landmarks whose words are not as long as those of the detector's features."""
+        if self.map.keyframes:
+            features = self._detect(grey_levels(image_of(self.map.keyframes[-1].index)))
+            expected = binary_words(features.descriptor).shape[1]
+            if self.map.words.shape[1] != expected:
+                found = self.map.words.shape[1]
+                raise InputError(f"odometry: the state has landmarks of {found} words, expected {expected}")
 
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
