@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
-from ..types import Image, RawRig, Rig, StereoPair
+from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.formats import read_calibration
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
@@ -66,6 +69,8 @@ class StereoFolder:
         The cameras of the rectified pairs.
     names : list of str
         Stems of the paired files; ``2`` comes before ``10``.
+    stamps : (n,) float64
+        Places of these names among those of both sides, from 0: one without a partner leaves a gap. There are no times.
     unpaired : list of str
         Files without a partner, as ``left/name.png``.
 
@@ -83,13 +88,16 @@ class StereoFolder:
 
     rig: Rig
     names: list[str]
+    stamps: FloatArray
     unpaired: list[str]
 
     def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
-        self.names = sorted(left.keys() & right.keys(), key=_natural)
-        lone = sorted(left.keys() ^ right.keys(), key=_natural)
+        places = {name: place for place, name in enumerate(sorted(left.keys() | right.keys(), key=_natural))}
+        self.names = [name for name in places if name in left and name in right]
+        lone = [name for name in places if not (name in left and name in right)]
+        self.stamps = np.array([places[name] for name in self.names], np.float64)
         self.unpaired = [one_line(f"left/{left[k].name}" if k in left else f"right/{right[k].name}") for k in lone]
         self._files = [(left[name], right[name]) for name in self.names]
         if not self.names:
@@ -111,7 +119,7 @@ class StereoFolder:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a file is bad."""
         index = range(len(self))[index]
-        return self._reader.read(*self._files[index], index)
+        return replace(self._reader.read(*self._files[index], index), stamp=float(self.stamps[index]))
 
     def __iter__(self) -> Iterator[StereoPair]:
         """Read one pair after another."""
