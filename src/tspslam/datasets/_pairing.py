@@ -14,7 +14,8 @@ from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
-from .folder import _SUFFIXES, _natural, _Reader
+from ._kinds import only_images
+from .folder import _natural, _Reader
 
 NANOSECONDS = 10**9
 _LARGEST_TEXT = 1 << 28  # bytes
@@ -175,12 +176,12 @@ def check_stamps(path: Path, stamps: FloatArray, unit: str, lines: Sequence[int]
 
 
 def images_in(folder: Path) -> dict[str, Path]:
-    """Image files of a folder by name, in natural order; hidden files and other kinds are passed over."""
+    """Image files of a folder by name, in natural order; hidden files are passed over, and others beside them."""
     try:
-        files = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.name[0] != "."]
+        files = list(folder.iterdir())
     except (OSError, ValueError) as error:
         raise bad_input(folder, "is missing", "a folder of images") from error
-    return {file.name: file for file in sorted(files, key=lambda file: _natural(file.name))}
+    return {file.name: file for file in sorted(only_images(folder, files), key=lambda file: _natural(file.name))}
 
 
 def numbered(folder: Path) -> dict[int, Path]:

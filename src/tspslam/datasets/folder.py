@@ -17,9 +17,9 @@ from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.formats import read_calibration
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
+from ._kinds import no_image, only_images
 
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
-_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 
 
 def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoPair:
@@ -48,8 +48,17 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
-    cameras = read_calibration(calib, image_size(left)).cameras
+    sizes = [_size_of(Path(path)) for path in (left, right)]
+    cameras = read_calibration(calib, sizes[0]).cameras
     return _Reader(cameras).read(Path(left), Path(right), 0)
+
+
+def _size_of(path: Path) -> tuple[int, int]:
+    """Size of an image; of what is none, the error says what it is instead."""
+    try:
+        return image_size(path)
+    except InputError as error:
+        raise (no_image(path) or error) from error
 
 
 class StereoFolder:
@@ -163,15 +172,13 @@ def _calibration_in(folder: Path) -> Path:
 
 
 def _images(folder: Path, side: str) -> dict[str, Path]:
-    """Image files of one side by stem; hidden files and other kinds are passed over."""
+    """Image files of one side by stem; hidden files are passed over, and others beside them."""
     try:
-        files = sorted(path for path in (folder / side).iterdir() if path.suffix.lower() in _SUFFIXES)
+        files = sorted((folder / side).iterdir())
     except OSError as error:
         raise InputError(f"{folder}: lacks the folder {side}, expected left/, right/ and calib.yaml") from error
     found: dict[str, Path] = {}
-    for file in files:
-        if file.name.startswith("."):
-            continue
+    for file in only_images(folder / side, files):
         if file.stem in found:
             raise InputError(f"{folder}: {found[file.stem].name} and {file.name} in {side}/ share a name, expected one")
         found[file.stem] = file
