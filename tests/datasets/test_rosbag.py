@@ -83,18 +83,44 @@ class Packed1(Ros1):
         return writer
 
 
+class Packed1Bz2(Ros1):
+    def open(self, path):
+        writer = Writer1(path)
+        writer.set_compression(writer.CompressionFormat.BZ2)
+        return writer
+
+
 class Mcap(Ros2):
     plugin = StoragePlugin.MCAP
 
 
 class Packed2(Ros2):
+    mode = CompressionMode.FILE
+
     def open(self, path):
         writer = super().open(path)
-        writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+        writer.set_compression(self.mode, CompressionFormat.ZSTD)
         return writer
 
 
-KINDS = {"ros1": Ros1(), "ros1-lz4": Packed1(), "sqlite3": Ros2(), "mcap": Mcap(), "sqlite3-zstd": Packed2()}
+class PackedMessages(Packed2):
+    mode = CompressionMode.MESSAGE
+
+
+class PackedMcap(Packed2):
+    mode, plugin = CompressionMode.STORAGE, StoragePlugin.MCAP
+
+
+KINDS = {
+    "ros1": Ros1(),
+    "ros1-lz4": Packed1(),
+    "ros1-bz2": Packed1Bz2(),
+    "sqlite3": Ros2(),
+    "mcap": Mcap(),
+    "mcap-zstd": PackedMcap(),
+    "sqlite3-zstd": Packed2(),
+    "sqlite3-message": PackedMessages(),
+}
 
 
 def raw_image(ros, stamp, pixels, encoding=None, *, step=None, big=False, **more):
