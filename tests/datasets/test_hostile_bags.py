@@ -69,7 +69,7 @@ def bag1(
         start_time=bytes(8), end_time=bytes(8), count=lists,
     )  # fmt: skip
     first = record(op=3, index_pos=end if index is None else index, conn_count=1, chunk_count=counted)
-    path.write_bytes(b"#ROSBAG V2.0\n" + first + chunk + table + record(link, op=7, conn=0, topic=b"/a") + info * infos)
+    path.write_bytes(b"#ROSBAG V2.0\n" + first + chunk + table + record(link, op=7, conn=0, topic=topic) + info * infos)
     return path
 
 
@@ -149,6 +149,13 @@ BAD_ROS1 = {
 def test_an_index_of_ros_1_leads_to_what_is_there(tmp_path, wanted):
     path = bag1(tmp_path / "a.bag", **BAD_ROS1[wanted])
     refusal(path, wanted)
+
+
+@pytest.mark.parametrize("topic", [b"", b"\xff", b"/\x1b[31m\nred", b"/" + b"a" * 100_000])
+def test_a_hostile_topic_gets_one_line(tmp_path, topic):
+    line = one_line_error(lambda: RosbagSequence(bag1(tmp_path / "a.bag", topic=topic)), "a.bag: ")
+    assert line.isprintable()
+    assert len(line) < 1000
 
 
 def test_sizes_behind_the_end_are_refused(tmp_path):
