@@ -42,19 +42,9 @@ def record(data=b"", **fields):
 
 
 def bag1(
-    path,
-    content=b"x" * 100,
-    kind="none",
-    *,
-    said=None,
-    offsets=(0,),
-    infos=1,
-    lists=1,
-    shift=0,
-    index=None,
-    counted=None,
-    text=b"d",
-):
+    path, content=b"x" * 100, kind="none", *, said=None, offsets=(0,), infos=1, lists=1, shift=0, index=None,
+    counted=None, text=b"d", topic=b"/a",
+):  # fmt: skip
     """A bag of ROS 1 with one chunk, one connection and their index, each of which may be wrong."""
     packed = PACK[kind](content) if kind != "none" else content
     counted = infos if counted is None else counted
