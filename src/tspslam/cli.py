@@ -44,6 +44,9 @@ ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file o
 OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images, where the file has none.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of another kind; never an input.")]
+TopicsOption = Annotated[
+    tuple[str, str] | None, typer.Option(metavar="LEFT RIGHT", help="Topics of a bag with the images.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -53,6 +56,7 @@ def run_command(
         list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
+    topics: TopicsOption = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
     unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
@@ -73,12 +77,14 @@ def run_command(
         raise typer.BadParameter(f"{detector!r}, expected one of {', '.join(known)}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
+    if topics and (depth or disparity or len(source or []) != 1):
+        raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
     if depth or disparity:
         pairs = _open_map(source or [], calib, depth, disparity, unit)
     elif unit is not None:
         raise typer.BadParameter("goes with --depth or --disparity", param_hint="--unit")
     else:
-        pairs = _open_source(source or [], calib)
+        pairs = _open_source(source or [], calib, topics)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     _check_folder(target, *(source or []), calib, depth, disparity)
@@ -337,7 +343,7 @@ def _complain(line: str, code: int) -> int:
     return code
 
 
-def _open_source(paths: list[Path], calib: Path | None) -> Source:
+def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None) -> Source:
     from . import datasets
     from .pipeline import OnePair
 
@@ -351,7 +357,7 @@ def _open_source(paths: list[Path], calib: Path | None) -> Source:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib)
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics)
 
 
 def _open_map(

@@ -180,7 +180,7 @@ def offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
 def _warnings(unpaired: Sequence[str], done: list[Row]) -> Iterator[Warning_]:
     if unpaired:
         names = ", ".join(unpaired[:3])
-        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner: {names}"}
+        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner or no stamp: {names}"}
     pinched = sum(len(unit["pinched_vertices"]) for unit in done)
     broken = {unit["surface"] for unit in done} - {"image Delaunay", "closed manifold"}
     for verdict in sorted(broken):

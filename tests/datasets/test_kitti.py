@@ -238,7 +238,7 @@ def test_bad_poses_are_refused(tmp_path: Path, text: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0\n0.1\n0.1\n", "stamp 3 is 0.1.* expected stamps in seconds that increase"),
+        ("0\n0.1\n0.1\n", r"stamp 3 \(line 3\) is 0.1.* expected stamps in seconds that increase"),
         ("0\n100000000\n200000000\n", r"read as seconds, are 1e\+08 s apart in the median; expected seconds"),
         ("0\n1e-7\n2e-7\n", "read as seconds, are 1e-07 s apart"),
         ("0 1\n", "line 1 has 2 values"),

@@ -14,7 +14,8 @@ from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
-from .folder import _SUFFIXES, _natural, _Reader
+from ._kinds import only_images
+from .folder import _natural, _Reader
 
 NANOSECONDS = 10**9
 _LARGEST_TEXT = 1 << 28  # bytes
@@ -88,12 +89,40 @@ def table(path: Path, expected: str, separator: str | None = None, counts: Seque
 
     Each line has as many words as one of `counts`, if there are any.
     """
+    return _rows(path, _lines(path, expected), expected, separator, counts)
+
+
+def rows_by_number(
+    path: Path, expected: str, separator: str | None = None, counts: Sequence[int] = ()
+) -> dict[int, Row]:
+    """Return the lines of a text file whose line k, from 0, is for number k, by number.
+
+    The number of a blank line has no row: that of an image that was lost. Lines that begin with # may go before the
+    first row and are not counted.
+    """
+    lines = _lines(path, expected)
+    rows = _rows(path, lines, expected, separator, counts)
+    remarks = [k for k, line in enumerate(lines[: rows[-1][0]], 1) if line.startswith("#")]
+    if remarks and remarks[-1] > rows[0][0]:
+        raise bad_input(path, f"line {remarks[-1]} begins with #", f"{expected}, or a blank line where there is none")
+    first = remarks[-1] + 1 if remarks else 1
+    return {row[0] - first: row for row in rows}
+
+
+def _lines(path: Path, expected: str) -> list[str]:
     try:
         lines = read_bytes(path, expected, _LARGEST_TEXT).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise bad_input(path, f"is no text ({error.reason} at byte {error.start})", expected) from error
-    said = ((k, line.strip()) for k, line in enumerate(lines, 1))
-    rows = [(k, [word.strip() for word in line.split(separator)]) for k, line in said if line and line[0] != "#"]
+    return [line.strip() for line in lines]
+
+
+def _rows(path: Path, lines: Sequence[str], expected: str, separator: str | None, counts: Sequence[int]) -> list[Row]:
+    rows = [
+        (k, [word.strip() for word in line.split(separator)])
+        for k, line in enumerate(lines, 1)
+        if line and line[0] != "#"
+    ]
     for number, words in rows:
         if counts and len(words) not in counts:
             raise bad_input(path, f"line {number} has {len(words)} values", expected)
@@ -127,14 +156,18 @@ def seconds(nanoseconds: Sequence[int]) -> FloatArray:
     return np.array([each / NANOSECONDS for each in nanoseconds], np.float64)
 
 
-def check_stamps(path: Path, stamps: FloatArray, unit: str) -> None:
-    """Refuse stamps (s) that do not increase, or whose distances no camera has: they are in another unit."""
+def check_stamps(path: Path, stamps: FloatArray, unit: str, lines: Sequence[int] = ()) -> None:
+    """Refuse stamps (s) that do not increase, or whose distances no camera has: they are in another unit.
+
+    `lines` are the numbers of their lines, if they are from a file of text.
+    """
     steps = np.diff(stamps)
     if not len(steps):
         return
     if steps.min() <= 0:
         k = int(np.argmax(steps <= 0))
-        said = f"stamp {k + 2} is {stamps[k + 1]:.9f} s, that before it {stamps[k]:.9f} s"
+        which = f"stamp {k + 2}" + (f" (line {lines[k + 1]})" if lines else "")
+        said = f"{which} is {stamps[k + 1]:.9f} s, that before it {stamps[k]:.9f} s"
         raise bad_input(path, said, f"stamps in {unit} that increase")
     middle = float(np.median(steps))
     if not _SHORTEST <= middle <= _LONGEST:
@@ -143,12 +176,12 @@ def check_stamps(path: Path, stamps: FloatArray, unit: str) -> None:
 
 
 def images_in(folder: Path) -> dict[str, Path]:
-    """Image files of a folder by name, in natural order; hidden files and other kinds are passed over."""
+    """Image files of a folder by name, in natural order; hidden files are passed over, and others beside them."""
     try:
-        files = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.name[0] != "."]
+        files = list(folder.iterdir())
     except (OSError, ValueError) as error:
         raise bad_input(folder, "is missing", "a folder of images") from error
-    return {file.name: file for file in sorted(files, key=lambda file: _natural(file.name))}
+    return {file.name: file for file in sorted(only_images(folder, files), key=lambda file: _natural(file.name))}
 
 
 def numbered(folder: Path) -> dict[int, Path]:
@@ -184,29 +217,36 @@ def pair_by_number(
     return Paired([(left[number], right[number]) for number in both], times, lone)
 
 
-def pair_by_stamp(left: Mapping[int, Path], right: Mapping[int, Path], labels: tuple[str, str]) -> Paired:
+def pair_by_stamp(left: Mapping[int, Path | None], right: Mapping[int, Path | None], labels: tuple[str, str]) -> Paired:
     """Pair images by their stamps (ns): those that are nearest to each other and within a quarter of an interval.
 
-    A frame has the stamp of its left image. The interval is the median one of the left images; a single image pairs
-    with one of its very stamp.
+    A stamp whose image is lost (None) takes part: its partner is left alone, and is not given to another image.
+    A frame has the stamp of its left image. The interval is the median one of the side that has the shorter; a single
+    image pairs with one of its very stamp.
     """
     times = [np.sort(np.array(list(side), np.int64)) for side in (left, right)]
-    matched = _mutually_nearest(*times)
-    frames = {int(times[0][i]): int(times[1][j]) for i, j in matched}
-    taken = set(frames), set(frames.values())
+    matched = [(int(times[0][i]), int(times[1][j])) for i, j in _mutually_nearest(*times)]
+    files, stamps = [], []
+    for one, other in matched:
+        first, second = left[one], right[other]
+        if first is not None and second is not None:
+            files.append((first, second))
+            stamps.append(one)
+    used = [{pair[k] for pair in files} for k in (0, 1)]
     lone = [
-        one_line(f"{label}/{side[int(t)].name}")
-        for label, side, own, used in zip(labels, (left, right), times, taken, strict=True)
-        for t in own
-        if int(t) not in used
+        one_line(f"{label}/{file.name}")
+        for label, side, own, taken in zip(labels, (left, right), times, used, strict=True)
+        for file in (side[int(t)] for t in own)
+        if file is not None and file not in taken
     ]
-    return Paired([(left[one], right[other]) for one, other in frames.items()], seconds(list(frames)), lone)
+    return Paired(files, seconds(stamps), lone)
 
 
 def _mutually_nearest(left: IntArray, right: IntArray) -> list[tuple[int, int]]:
     if not (len(left) and len(right)):
         return []
-    tolerance = float(np.median(np.diff(left))) / 4 if len(left) > 1 else 0.0
+    steps = [float(np.median(np.diff(side))) for side in (left, right) if len(side) > 1]
+    tolerance = min(steps) / 4 if len(left) > 1 else 0.0
     forth, back = _nearest(left, right), _nearest(right, left)
     near = (back[forth] == np.arange(len(left))) & (np.abs(right[forth] - left) <= tolerance)
     return [(int(i), int(forth[i])) for i in np.flatnonzero(near)]

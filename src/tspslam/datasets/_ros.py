@@ -6,7 +6,7 @@ import contextlib
 import io
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,17 +28,19 @@ _SIDES = (
     ("cam0", "cam1"),
     ("camera0", "camera1"),
     ("infra1", "infra2"),
+    ("Infrared_1", "Infrared_2"),
     ("image_0", "image_1"),
     ("image_00", "image_01"),
 )
 _RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")
-_MOST_LISTED = 20
+_MOST_LISTED, _LONGEST_NAME = 20, 80
 _FILES = (".bag", ".mcap", ".db3")
-_STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
+STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
 _BROWN = ("plumb_bob", "rational_polynomial", "")  # the second one is Brown's where k4, k5 and k6 are 0
 _TURNED = 1e-6  # of R against no rotation
 _SAME = 1e-3  # px, of K against P
 _SMALLEST_MOSAIC = 3  # px a side
+_PADDED, _PADDING = 2, 4096  # of a row: one image of two side by side, and bytes to the end of a page of memory
 _GREY, _RGB, _BGR = (0,), (0, 1, 2), (2, 1, 0)
 _ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
     "mono8": ("u1", 1, _GREY),
@@ -62,7 +64,7 @@ def is_bag(path: Path) -> bool:
         return path.suffix.lower() in _FILES
     with contextlib.suppress(OSError):
         names = os.listdir(path)
-        return "metadata.yaml" in names and any(name.endswith(_STORED) for name in names)
+        return "metadata.yaml" in names and any(name.endswith(STORED) for name in names)
     return False
 
 
@@ -84,13 +86,18 @@ def is_rectified(topic: str) -> bool:
     return _RECTIFIED.search(topic) is not None
 
 
-def sides(path: Path, kinds: Mapping[str, str], left: str | None, right: str | None) -> tuple[str, str]:
+def sides(
+    path: Path, kinds: Mapping[str, str], left: str | None, right: str | None, others: Sequence[str] = ()
+) -> tuple[str, str]:
     """Return the topics of the left and the right images: those asked for, else the best pair if there is one.
 
-    `kinds` are the types of the topics with images and camera infos. Images with camera infos go before those without,
-    rectified ones before raw ones, then raw pixels before compressed ones.
+    `kinds` are the types of the topics with images and camera infos, `others` the topics of other types. Images with
+    camera infos go before those without, rectified ones before raw ones, then raw pixels before compressed ones.
     """
     images = {topic: kind for topic, kind in kinds.items() if kind != CAMERA_INFO}
+    if not images:
+        seen = f"; its topics are {_listed(others)}" if others else ""
+        raise bad_input(path, f"has no topic with images{seen}", "sensor_msgs/Image or CompressedImage")
     for given in (left, right):
         if given is not None and given not in list(images):
             raise bad_input(path, f"has no images on {str(given)[:80]}", f"one of {_listed(images)}")
@@ -106,7 +113,7 @@ def sides(path: Path, kinds: Mapping[str, str], left: str | None, right: str | N
     best = [pair for pair, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
     if len(best) != 1:
         said = f"has {len(best) or 'no'} pairs of topics with images that look like left and right"
-        raise bad_input(path, said, f"left= and right= to be given, of {_listed(images)}")
+        raise bad_input(path, said, f"two to be given (--topics LEFT RIGHT), of {_listed(images)}")
     return best[0]
 
 
@@ -116,17 +123,18 @@ def _partners(images: Mapping[str, str]) -> list[tuple[str, str]]:
     return sorted({pair for pair in pairs if pair[1] in images})
 
 
-def _listed(topics: Mapping[str, str]) -> str:
+def _listed(topics: Iterable[str]) -> str:
     names = sorted(topics)
     more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    return (", ".join(names[:_MOST_LISTED]) or "no topic with images") + more
+    return ", ".join(name[:_LONGEST_NAME] for name in names[:_MOST_LISTED]) + more
 
 
 def info_topic(path: Path, topic: str, known: Mapping[str, str]) -> str:
     """Return the topic of the CameraInfo beside or below one of images."""
     found = _info_of(topic, known)
     if found is None:
-        raise bad_input(path, f"has no CameraInfo of {topic}", f"one on {' or '.join(_places(topic, known[topic]))}")
+        wanted = f"one on {' or '.join(_places(topic, known[topic]))}, or a calibration (--calib)"
+        raise bad_input(path, f"has no CameraInfo of {topic}", wanted)
     return found
 
 
@@ -209,9 +217,11 @@ def _raw(message: Any) -> Image:
     kind, count, channels = _ENCODINGS[encoding]
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     used = width * count * dtype.itemsize
-    if step < used or message.data.size != step * height:
+    if not used <= step <= _PADDED * used + _PADDING or message.data.size != step * height:
         said = f"{message.data.size} bytes of data and a step of {step}"
-        raise InputError(f"has {said}, where {width} x {height} px of {encoding} go with a step of at least {used}")
+        raise InputError(
+            f"has {said}, where {width} x {height} px of {encoding} go with a step of {used} or somewhat more"
+        )
     rows = np.ascontiguousarray(message.data.reshape(height, step)[:, :used]).view(dtype)
     if encoding in _MOSAICS:
         return _coloured(rows, _MOSAICS[encoding])

@@ -46,7 +46,9 @@ class EurocSequence:
     """A recording in the ASL layout: two cameras below `mav0/`, with stamps; raw pairs are rectified.
 
     Left and right images are paired by stamp: the same one, else the nearest to each other within a quarter of the
-    median interval between left images.
+    median interval of the list (`data.csv`) that has the shorter. Lists are paired first: the partner of an image that
+    is listed but not there is left out, and goes to no other. A file that differs from its name in the list by the
+    suffix only is taken for it (a list of ``.png`` and a folder of ``.jpg``).
 
     Parameters
     ----------
@@ -129,16 +131,38 @@ class EurocSequence:
         return (self[index] for index in range(len(self)))
 
 
-def _listed(camera: Path) -> tuple[dict[int, Path], list[str]]:
-    """Images of a camera by stamp (ns), and those that only the list or only the folder has."""
+def _listed(camera: Path) -> tuple[dict[int, Path | None], list[str]]:
+    """Images of a camera by stamp (ns), None for those that are lost; and those that only list or folder have."""
     path, files = camera / "data.csv", images_in(camera / "data")
-    rows = [(whole(path, row, row[1][0], _LISTED), row[1][1]) for row in table(path, _LISTED, ",", (2,))]
-    check_stamps(path, seconds([stamp for stamp, _ in rows]), "nanoseconds")
-    named = dict.fromkeys(name for _, name in rows)
+    rows = table(path, _LISTED, ",", (2,))
+    stamps = [whole(path, row, row[1][0], _LISTED) for row in rows]
+    check_stamps(path, seconds(stamps), "nanoseconds", [line for line, _ in rows])
+    named = dict(zip([row[1][1] for row in rows], stamps, strict=True))
     if len(named) < len(rows):
         raise bad_input(path, "has a file name twice", _LISTED)
-    lone = [one_line(f"{camera.name}/{name}") for name in (*named, *files) if (name in named) != (name in files)]
-    return {stamp: files[name] for stamp, name in rows if name in files}, lone
+    found = _found(path, list(named), files)
+    taken = {file.name for file in found.values() if file}
+    lone = [name for name, file in found.items() if not file] + [name for name in files if name not in taken]
+    return {stamp: found[name] for name, stamp in named.items()}, [one_line(f"{camera.name}/{name}") for name in lone]
+
+
+def _found(path: Path, names: list[str], files: dict[str, Path]) -> dict[str, Path | None]:
+    """File of each name of a list: that of this name, else the one that differs from it in the suffix only."""
+    others: dict[str, list[Path]] = {}
+    for name in files.keys() - set(names):
+        others.setdefault(files[name].stem, []).append(files[name])
+    found: dict[str, Path | None] = {}
+    for name in names:
+        there = [files[name]] if name in files else others.pop(Path(name).stem, [])
+        if len(there) > 1:
+            said = " and ".join(sorted(file.name for file in there)[:2])
+            raise bad_input(path, f"lists {name[:80]}, and data/ has {said}", "one file for it")
+        found[name] = there[0] if there else None
+    if files and not any(found.values()):
+        raise bad_input(
+            path, f"lists files such as {names[0][:80]}, none of which is in data/", f"{next(iter(files))}, ..."
+        )
+    return found
 
 
 def _measured(path: Path) -> tuple[FloatArray, FloatArray]:
@@ -149,8 +173,9 @@ def _measured(path: Path) -> tuple[FloatArray, FloatArray]:
     short = next((row for row in rows if len(row[1]) < 8), None)
     if short:
         raise bad_input(path, f"line {short[0]} has {len(short[1])} values", _POSES)
+    rows = [row for row in rows if any(word.lower() != "nan" for word in row[1][1:8])] or rows  # the others are lost
     stamps = seconds([whole(path, row, row[1][0], _POSES) for row in rows])
-    check_stamps(path, stamps, "nanoseconds")
+    check_stamps(path, stamps, "nanoseconds", [line for line, _ in rows])
     values = np.array([numbers(path, row, row[1][1:8], _POSES) for row in rows])
     norm = np.linalg.norm(values[:, 3:], axis=1)
     if (bad := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
-from ..types import Image, RawRig, Rig, StereoPair
+from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.formats import read_calibration
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
+from ._kinds import no_image, only_images
 
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
-_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 
 
 def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoPair:
@@ -45,8 +48,17 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
-    cameras = read_calibration(calib, image_size(left)).cameras
+    sizes = [_size_of(Path(path)) for path in (left, right)]
+    cameras = read_calibration(calib, sizes[0]).cameras
     return _Reader(cameras).read(Path(left), Path(right), 0)
+
+
+def _size_of(path: Path) -> tuple[int, int]:
+    """Size of an image; of what is none, the error says what it is instead."""
+    try:
+        return image_size(path)
+    except InputError as error:
+        raise (no_image(path) or error) from error
 
 
 class StereoFolder:
@@ -66,6 +78,8 @@ class StereoFolder:
         The cameras of the rectified pairs.
     names : list of str
         Stems of the paired files; ``2`` comes before ``10``.
+    stamps : (n,) float64
+        Places of these names among those of both sides, from 0: one without a partner leaves a gap. There are no times.
     unpaired : list of str
         Files without a partner, as ``left/name.png``.
 
@@ -83,13 +97,16 @@ class StereoFolder:
 
     rig: Rig
     names: list[str]
+    stamps: FloatArray
     unpaired: list[str]
 
     def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
-        self.names = sorted(left.keys() & right.keys(), key=_natural)
-        lone = sorted(left.keys() ^ right.keys(), key=_natural)
+        places = {name: place for place, name in enumerate(sorted(left.keys() | right.keys(), key=_natural))}
+        self.names = [name for name in places if name in left and name in right]
+        lone = [name for name in places if not (name in left and name in right)]
+        self.stamps = np.array([places[name] for name in self.names], np.float64)
         self.unpaired = [one_line(f"left/{left[k].name}" if k in left else f"right/{right[k].name}") for k in lone]
         self._files = [(left[name], right[name]) for name in self.names]
         if not self.names:
@@ -111,7 +128,7 @@ class StereoFolder:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a file is bad."""
         index = range(len(self))[index]
-        return self._reader.read(*self._files[index], index)
+        return replace(self._reader.read(*self._files[index], index), stamp=float(self.stamps[index]))
 
     def __iter__(self) -> Iterator[StereoPair]:
         """Read one pair after another."""
@@ -155,15 +172,13 @@ def _calibration_in(folder: Path) -> Path:
 
 
 def _images(folder: Path, side: str) -> dict[str, Path]:
-    """Image files of one side by stem; hidden files and other kinds are passed over."""
+    """Image files of one side by stem; hidden files are passed over, and others beside them."""
     try:
-        files = sorted(path for path in (folder / side).iterdir() if path.suffix.lower() in _SUFFIXES)
+        files = sorted((folder / side).iterdir())
     except OSError as error:
         raise InputError(f"{folder}: lacks the folder {side}, expected left/, right/ and calib.yaml") from error
     found: dict[str, Path] = {}
-    for file in files:
-        if file.name.startswith("."):
-            continue
+    for file in only_images(folder / side, files):
         if file.stem in found:
             raise InputError(f"{folder}: {found[file.stem].name} and {file.name} in {side}/ share a name, expected one")
         found[file.stem] = file

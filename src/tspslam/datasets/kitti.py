@@ -30,10 +30,10 @@ from ._pairing import (
     pair_by_stamp,
     path_of,
     rigid,
+    rows_by_number,
     seconds,
     size_of_first,
     some,
-    table,
 )
 
 _DATE = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{1,9})")
@@ -54,8 +54,10 @@ class KittiSequence:
     An odometry sequence has `image_0/` and `image_1/`, `calib.txt` and `times.txt` (s); line k, from 0, is for the
     image of number k, and images are paired by number. A raw drive has `image_00/` and `image_01/`, each with `data/`
     and `timestamps.txt` in the same way, and `calib_cam_to_cam.txt` in its folder or the one above; images are paired
-    by stamp, as those of `EurocSequence`. The size of its images tells recorded ones, which are rectified here, from
-    rectified ones.
+    by stamp, as those of `EurocSequence`. A blank line stands for an image that was lost: the lines behind it keep
+    their numbers, and an image that is there all the same has no stamp. It is left out and listed in `unpaired`;
+    no stamp is made up for it. The size of its images tells recorded ones, which are rectified here, from rectified
+    ones.
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ class KittiSequence:
         only the distance along the rows is used; it is 3 mm off the row.
     poses : str or path, optional
         True poses in KITTI's form, for each left image or for each number from 0; by default `poses.txt` in the
-        folder or `../../poses/NN.txt`, if there is one.
+        folder or `../../poses/NN.txt`, if there is one. A blank line, or one of 12 NaN, is a pose that is not known.
 
     Attributes
     ----------
@@ -119,8 +121,8 @@ class KittiSequence:
         """True poses ``T_world_camera`` of the rectified left camera, (n, 4, 4) float64; None if there are none.
 
         KITTI's poses are those of the rectified camera 0. They are carried over to the left camera of the pairs:
-        camera 2, or the frame into which recorded images are turned here. Rows are NaN for numbers behind the last
-        line. InputError if the file is bad.
+        camera 2, or the frame into which recorded images are turned here. Rows are NaN for blank lines and numbers
+        behind the last line. InputError if the file is bad.
         """
         if self._poses is None:
             return None
@@ -151,7 +153,7 @@ class KittiSequence:
         left, right = (numbered(folder / "data" if self._is_raw else folder) for folder in folders)
         self._left = left
         if not self._is_raw:
-            times = dict(enumerate(_read_times(self.path / "times.txt")))
+            times = _read_times(self.path / "times.txt")
             return some(pair_by_number(left, right, times, labels), self.path, f"{labels[0]} and {labels[1]} alike")
         one, other = (_stamped(folder, side) for folder, side in zip(folders, (left, right), strict=True))
         paired = pair_by_stamp(one[0], other[0], labels)
@@ -176,20 +178,22 @@ def _is_raw(path: Path, camera: str) -> bool:
     raise bad_input(path, f"lacks the folder image_{camera} or image_0{camera}", f"{_SEQUENCE}{hint}")
 
 
-def _read_times(path: Path) -> list[float]:
-    rows = table(path, _TIMES, None, (1,))
-    times = [numbers(path, row, row[1], _TIMES)[0] for row in rows]
-    check_stamps(path, np.array(times), "seconds")
+def _read_times(path: Path) -> dict[int, float]:
+    """Times (s) by the number of the image."""
+    rows = rows_by_number(path, _TIMES, None, (1,))
+    times = {number: numbers(path, row, row[1], _TIMES)[0] for number, row in rows.items()}
+    check_stamps(path, np.array(list(times.values())), "seconds", [line for line, _ in rows.values()])
     return times
 
 
-def _stamped(folder: Path, images: dict[int, Path]) -> tuple[dict[int, Path], list[str]]:
-    """Images of a raw camera by stamp (ns), and the names of those without one."""
+def _stamped(folder: Path, images: dict[int, Path]) -> tuple[dict[int, Path | None], list[str]]:
+    """Images of a raw camera by stamp (ns), None for those that are lost; and the names of those without a stamp."""
     path = folder / "timestamps.txt"
-    stamps = [_nanoseconds(path, line, " ".join(words)) for line, words in table(path, _DATES)]
-    check_stamps(path, seconds(stamps), "dates and times")
-    lone = [f"{folder.name}/{file.name}" for number, file in images.items() if number >= len(stamps)]
-    return {stamps[number]: file for number, file in images.items() if number < len(stamps)}, lone
+    rows = rows_by_number(path, _DATES)
+    stamps = {number: _nanoseconds(path, line, " ".join(words)) for number, (line, words) in rows.items()}
+    check_stamps(path, seconds(list(stamps.values())), "dates and times", [line for line, _ in rows.values()])
+    lone = [f"{folder.name}/{file.name}" for number, file in images.items() if number not in stamps]
+    return {stamp: images.get(number) for number, stamp in stamps.items()}, lone
 
 
 def _nanoseconds(path: Path, line: int, text: str) -> int:
@@ -270,6 +274,12 @@ def _poses_of(path: Path) -> Path | None:
 
 
 def _read_poses(path: Path) -> FloatArray:
-    """Poses (n, 4, 4) of a file in KITTI's form."""
-    rows = table(path, _POSES, None, (12,))
-    return rigid(path, np.array([numbers(path, row, row[1], _POSES) for row in rows]).reshape(-1, 3, 4))
+    """Poses (n, 4, 4) of a file in KITTI's form, by the number of the line from 0; NaN where there is none."""
+    rows = rows_by_number(path, _POSES, None, (12,))
+    known = {k: row for k, row in rows.items() if any(word.lower() != "nan" for word in row[1])}
+    if not known:
+        raise bad_input(path, "has no pose that is known", _POSES)
+    T = np.full((max(rows) + 1, 4, 4), np.nan)
+    values = np.array([numbers(path, row, row[1], _POSES) for row in known.values()]).reshape(-1, 3, 4)
+    T[list(known)] = rigid(path, values)
+    return T

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .._files import PathLike
+from .._files import PathLike, one_line
 from ..errors import InputError
-from ._ros import is_bag
+from ._kinds import listed, no_source
+from ._ros import STORED, is_bag
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
@@ -16,7 +17,11 @@ from .utias import UtiasRun
 Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
 
 
-def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
+_KNOWN = "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, or a bag of ROS"
+_OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layouts that bring a calibration
+
+
+def open_sequence(path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None) -> Sequence:
     """Open a folder or a bag of stereo pairs with the reader of its layout.
 
     Parameters
@@ -26,7 +31,10 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
         `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS); with `metadata.yaml` and `.db3` or `.mcap`
         files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file.
     calib : str or path, optional
-        Calibration of a plain folder or a UTIAS run; the other layouts bring their own.
+        Calibration of a plain folder or a UTIAS run, or of a bag, where it stands in for the camera infos; the other
+        layouts bring their own.
+    topics : tuple of 2 str, optional
+        Topics of a bag with the left and the right images.
 
     Returns
     -------
@@ -36,7 +44,8 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
     Raises
     ------
     InputError
-        If the folder has none of these layouts, its reader refuses it, or `calib` is given where it is not used.
+        If the folder has none of these layouts, its reader refuses it, or `calib` or `topics` are given where they
+        are not used.
 
     Examples
     --------
@@ -49,21 +58,29 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
     def has(*names: str) -> bool:
         return any((folder / name).is_dir() for name in names)
 
-    if has("left", "right"):
+    plain, utias = has("left", "right"), has("images/left", "images/right")
+    if is_bag(folder) and not (plain or utias):
+        left, right = topics or (None, None)
+        return RosbagSequence(folder, left=left, right=right, calib=calib)
+    if topics is not None:
+        raise InputError(one_line(f"{folder}: is no bag, expected one with topics {' and '.join(map(str, topics))}"))
+    if plain:
         return StereoFolder(folder, calib)
-    if has("images/left", "images/right"):
+    if utias:
         return UtiasRun(folder, calib)
-    bag = is_bag(folder)
-    if calib is not None and (bag or has("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")):
+    if calib is not None and has(*_OWN):
         raise InputError(f"{folder}: brings its own calibration, expected none beside it ({calib})")
-    if bag:
-        return RosbagSequence(folder)
     if has("mav0", "cam0"):
         return EurocSequence(folder)
-    if has("image_0", "image_2", "image_00", "image_02"):
+    if has(*_OWN):
         return KittiSequence(folder, colour=not has("image_0", "image_00"))
-    said = "has none of the known layouts" if folder.is_dir() else "is no folder"
-    raise InputError(
-        f"{folder}: {said}, expected one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, "
-        "images/left/, or a bag of ROS"
-    )
+    raise _unknown(folder)
+
+
+def _unknown(folder: Path) -> InputError:
+    """Say what a path is that no reader is for."""
+    if not folder.is_dir():
+        return no_source(folder) or InputError(one_line(f"{folder}: is no folder, expected {_KNOWN}"))
+    stored = sorted(file for file in folder.iterdir() if file.name.endswith(STORED))
+    way = f"{_KNOWN}; {stored[0].name} is of a bag of ROS 2 without metadata.yaml: give it alone" if stored else _KNOWN
+    return InputError(one_line(f"{folder}: has none of the known layouts (it holds {listed(folder)}), expected {way}"))

@@ -5,24 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-import threading
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from .._files import PathLike, bad_input, one_line, open_input, reason_of
+from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
-from ..types import FloatArray, RawRig, Rig, StereoPair
+from ..types import FloatArray, Image, RawRig, Rig, StereoPair
+from ..vision.formats import read_calibration
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
+from ._bags import BAG, Bag, guarded
 from ._pairing import NANOSECONDS, check_stamps, checked_index, name_of, pair_by_stamp, path_of, seconds, some
 from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, cameras, image_of, info_topic, is_rectified, sides
 
-_LARGEST_BAG = 1 << 50  # bytes
-_BAG = "a whole bag of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap, .db3)"
 _IMAGE = "a whole sensor_msgs/Image or CompressedImage"
-_MISSING = "the library rosbags: pip install tspslam[ros]"
 Times = dict[int, int]
 """When each message was recorded (ns), by the stamp of its header (ns)."""
 
@@ -32,11 +28,12 @@ class RosbagSequence:
 
     Needs the library rosbags (``pip install tspslam[ros]``), not ROS. Topics are of ``sensor_msgs/Image`` (grey,
     RGB or a Bayer mosaic of 8 bits, grey of 16) or ``CompressedImage`` (JPEG, PNG), each with a ``CameraInfo`` beside
-    it. Images are taken as rectified if the topic's name says ``rect``, or if the camera info leaves nothing to
-    rectify. Left and right images are paired by the stamps of their headers: the same one, else the nearest to each
-    other within a quarter of the median interval between left images. The images' topics are read through once when
-    the bag is opened, then an image at a time. There is no truth: messages of poses do not say where the camera is
-    in the frame they are of.
+    it, or with a calibration that is given. Images are taken as rectified if the topic's name says ``rect``, or if the
+    camera info leaves nothing to rectify; a calibration that is given says by its kind whether they are. Left and right
+    images are paired by the stamps of their headers: the same one, else the nearest to each other within a quarter of
+    the median interval of the side that has the shorter. The images' topics are read through once when the bag is
+    opened, then an image at a time. There is no truth: messages of poses do not say where the camera is in the frame
+    they are of.
 
     Parameters
     ----------
@@ -61,9 +58,10 @@ class RosbagSequence:
     Raises
     ------
     InputError
-        If the library or a part is missing, the bag is damaged, the topics cannot be told, the cameras are not of a
-        rectified pair or of lenses with Brown's distortion (``plumb_bob``), stamps are all 0 or go back in the order
-        of recording, or no pair is found.
+        If the library or a part is missing, the bag is damaged or has chunks of over 256 MiB, the topics cannot be
+        told, the cameras are not of a rectified pair or of lenses with Brown's distortion (``plumb_bob``), `calib` is
+        of raw cameras and the images are known to be rectified, stamps are all 0 or go back in the order of
+        recording, or no pair is found.
 
     Examples
     --------
@@ -77,19 +75,25 @@ class RosbagSequence:
     topics: tuple[str, str]
     unpaired: list[str]
 
-    def __init__(self, path: PathLike, *, left: str | None = None, right: str | None = None) -> None:
+    def __init__(
+        self, path: PathLike, *, left: str | None = None, right: str | None = None, calib: PathLike | None = None
+    ) -> None:
         self.path = path_of(path)
-        self._bag = _Bag(self.path)
-        kinds = self._bag.kinds
-        self.topics = sides(self.path, kinds, left, right)
-        one, other = (self._bag.info(info_topic(self.path, topic, kinds)) for topic in self.topics)
-        self._rectify, self.rig = _made(self.path, cameras(self.path, one, other, all(map(is_rectified, self.topics))))
+        self._bag = _Images(self.path)
+        self.topics = sides(self.path, self._bag.kinds, left, right, self._bag.bag.others)
+        if calib is None:
+            self._rectify, self.rig = _made(self.path, self._own_cameras(all(map(is_rectified, self.topics))))
+        self._pair()
+        if calib is not None:
+            self._rectify, self.rig = _made(path_of(calib), self._given_cameras(path_of(calib)))
+
+    def _pair(self) -> None:
+        """Find the pairs by the stamps of the images."""
         self._times, again = self._bag.indexed(self.topics)
-        files = [{stamp: Path(str(stamp)) for stamp in times} for times in self._times]
+        files: list[dict[int, Path | None]] = [{stamp: Path(str(stamp)) for stamp in times} for times in self._times]
         paired = some(pair_by_stamp(files[0], files[1], self.topics), self.path, "images with stamps in common")
         self._pairs = [(int(first.name), int(second.name)) for first, second in paired.files]
-        self.stamps = paired.stamps
-        self.unpaired = paired.unpaired + again
+        self.stamps, self.unpaired = paired.stamps, paired.unpaired + again
 
     @property
     def name(self) -> str:
@@ -118,69 +122,93 @@ class RosbagSequence:
         """Read one pair after another."""
         return (self[index] for index in range(len(self)))
 
+    def _own_cameras(self, rectified: bool) -> Rig | RawRig:
+        """Cameras that the bag's camera infos describe."""
+        one, other = (self._bag.info(info_topic(self.path, topic, self._bag.kinds)) for topic in self.topics)
+        return cameras(self.path, one, other, rectified)
 
-class _Bag:
-    """An open bag: its topics with images and camera infos, and their messages one by one."""
+    def _given_cameras(self, calib: Path) -> Rig | RawRig:
+        """Cameras of a calibration file; a raw one of images that are rectified already is refused."""
+        found = read_calibration(calib, self._size()).cameras
+        if isinstance(found, RawRig) and self._says_rectified():
+            said = f"is of raw cameras, but images on {self.topics[0]} and {self.topics[1]} are rectified already"
+            raise bad_input(calib, said, "a calibration of the rectified pair, or the topics of raw images")
+        return found
+
+    def _says_rectified(self) -> bool:
+        """Whether the topics' names say that their images are rectified, or camera infos of a pair do."""
+        if all(map(is_rectified, self.topics)):
+            return True
+        with contextlib.suppress(InputError):
+            return isinstance(self._own_cameras(rectified=False), Rig)
+        return False
+
+    def _size(self) -> tuple[int, int] | None:
+        """Size of the first left image that has one."""
+        for stamp, _ in self._pairs:
+            with contextlib.suppress(InputError):
+                shape = self._bag.image(self.topics[0], stamp, self._times[0][stamp]).shape
+                return shape[1], shape[0]
+        return None
+
+
+class _Images:
+    """A bag's topics with images and camera infos, and their messages one by one."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lock = threading.Lock()
-        self._reader = _opened(path)
-        weakref.finalize(self, self._reader.close)
-        self._connections: dict[str, list[Any]] = {}
-        for each in self._reader.connections:
-            if each.msgtype in (IMAGE, COMPRESSED, CAMERA_INFO) and each.msgcount:
-                self._connections.setdefault(each.topic, []).append(each)
+        self.bag = Bag(path, (IMAGE, COMPRESSED, CAMERA_INFO))
 
     @property
     def kinds(self) -> dict[str, str]:
         """Type of the messages of each topic that has some."""
         depth = "compressedDepth"  # has a header of its own before the image
-        return {topic: each[0].msgtype for topic, each in self._connections.items() if not topic.endswith(depth)}
+        return {topic: kind for topic, kind in self.bag.kinds.items() if not topic.endswith(depth)}
 
     def info(self, topic: str) -> Info:
         """First message of a topic with camera infos."""
-        with self._lock, _guarded(self.path):
-            for connection, _, data in self._reader.messages(self._connections[topic]):
-                return Info(topic, self._reader.deserialize(data, connection.msgtype))
-        raise bad_input(self.path, f"has no message on {topic}, though it counts some", _BAG)
+        with self.bag.messages([topic]) as messages:
+            for _, _, data in messages:
+                return Info(topic, self.bag.deserialize(data, CAMERA_INFO))
+        raise bad_input(self.path, f"has no message on {topic}, though it counts some", BAG)
 
     def indexed(self, topics: tuple[str, str]) -> tuple[list[Times], list[str]]:
         """When the images of both sides were recorded, and the names of those whose stamp was there before."""
         times: dict[str, Times] = {topic: {} for topic in topics}
         again: list[str] = []
-        with self._lock, _guarded(self.path):
-            for link, time, data in self._reader.messages([each for t in topics for each in self._connections[t]]):
-                stamp = self._stamp(link.topic, data)
-                if stamp in times[link.topic]:
-                    again.append(one_line(f"{link.topic}/{stamp}"))
-                times[link.topic].setdefault(stamp, time)
+        with self.bag.messages(topics) as messages:
+            for topic, time, data in messages:
+                stamp = self._stamp(topic, data)
+                if stamp in times[topic]:
+                    again.append(one_line(f"{topic}/{stamp}"))
+                times[topic].setdefault(stamp, time)
         for topic, found in times.items():
             if set(found) == {0}:
                 raise bad_input(self.path, f"all stamps on {topic} are 0", "times in the headers of the images")
             check_stamps(Path(f"{self.path}: {topic}"), seconds(list(found)), "nanoseconds")
         return list(times.values()), again
 
-    def image(self, topic: str, stamp: int, time: int) -> Any:
+    def image(self, topic: str, stamp: int, time: int) -> Image:
         """Read the image of a stamp that was recorded at a time."""
-        with self._lock, _guarded(self.path):
-            kind = self.kinds[topic]
-            message = self._reader.deserialize(self._message(topic, stamp, time), kind)
+        kind = self.kinds[topic]
+        message = self.bag.deserialize(self._message(topic, stamp, time), kind)
+        with guarded(self.path):
             try:
                 return image_of(message, kind)
             except InputError as error:
                 raise bad_input(self.path, f"the image on {topic} at {stamp} ns {error}", _IMAGE) from error
 
     def _message(self, topic: str, stamp: int, time: int) -> bytes:
-        for _, _, data in self._reader.messages(self._connections[topic], start=time, stop=time + 1):
-            if self._stamp(topic, data) == stamp:
-                return bytes(data)
+        with self.bag.messages([topic], time, time + 1) as messages:
+            for _, _, data in messages:
+                if self._stamp(topic, data) == stamp:
+                    return bytes(data)
         raise bad_input(self.path, f"the image on {topic} at {stamp} ns is gone", "a bag that nothing changes")
 
     def _stamp(self, topic: str, data: bytes) -> int:
         """Stamp (ns) of the header that a message begins with."""
         try:
-            if self._reader.is2:  # four bytes tell the order of the others
+            if self.bag.is2:  # four bytes tell the order of the others
                 seconds, rest = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
             else:  # a counter goes before
                 seconds, rest = struct.unpack_from("<II", data, 4)
@@ -189,32 +217,6 @@ class _Bag:
         if seconds < 0 or rest >= NANOSECONDS:
             raise bad_input(self.path, f"a message on {topic} has the stamp {seconds} s {rest} ns", "a time after 1970")
         return int(seconds * NANOSECONDS + rest)
-
-
-def _opened(path: Path) -> Any:
-    """Open a bag with rosbags."""
-    if not os.path.isdir(path):
-        open_input(path, _BAG, _LARGEST_BAG).close()
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise bad_input(path, f"cannot be read ({reason_of(error)})", _MISSING) from error
-    with _guarded(path):  # older bags of ROS 2 do not define their messages
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-        return reader
-
-
-@contextlib.contextmanager
-def _guarded(path: Path) -> Iterator[None]:
-    """Turn what rosbags, and the libraries below it, raise at damaged bags (anything) into an InputError."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise bad_input(path, f"cannot be read ({reason_of(error)})", _BAG) from error
 
 
 def _made(path: Path, given: Rig | RawRig) -> tuple[Rectification | None, Rig]:

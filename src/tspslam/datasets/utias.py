@@ -25,6 +25,7 @@ from ._pairing import (
     pair_by_number,
     path_of,
     rigid,
+    rows_by_number,
     seconds,
     size_of_first,
     some,
@@ -56,7 +57,9 @@ _Edge = tuple[_Pose, _Pose, FloatArray]  # pose, neighbour, T_neighbour_pose
 class UtiasRun:
     """A run `run_NNNNNN/` of the UTIAS VT&R data set: `images/left`, `images/right`, `timestamps_images.txt`.
 
-    Images are named by the number of their pose and paired by it.
+    Images are named by the number of their pose and paired by it. Where the lines of stamps do not name their pose,
+    line k, from 0, is for pose k, and a blank one leaves it without a stamp; images without one are left out and listed
+    in `unpaired`.
 
     Parameters
     ----------
@@ -147,16 +150,18 @@ class UtiasRun:
 
 
 def _stamps(path: Path) -> dict[int, float]:
-    """Stamps (s) by the number of the pose; of lines with a stamp only, the first is for pose 0."""
-    rows = table(path, _STAMPED, ",", (1, 2))
+    """Stamps (s) by the number of the pose; of lines with a stamp only, the first is for pose 0, even a blank one."""
+    by_line = rows_by_number(path, _STAMPED, ",", (1, 2))
+    rows = list(by_line.values())
     if len({len(words) for _, words in rows}) > 1:
         raise bad_input(path, "has lines of one and of two values", _STAMPED)
-    poses = [whole(path, row, row[1][0], _STAMPED) if len(row[1]) == 2 else k for k, row in enumerate(rows)]
+    is_named = len(rows[0][1]) == 2
+    poses = [whole(path, row, row[1][0], _STAMPED) if is_named else number for number, row in by_line.items()]
     for k, (line, _) in enumerate(rows[1:], 1):
         if poses[k] <= poses[k - 1]:
             raise bad_input(path, f"line {line} has pose {poses[k]} behind {poses[k - 1]}", "numbers that increase")
     times = seconds([whole(path, row, row[1][-1], _STAMPED) for row in rows])
-    check_stamps(path, times, "nanoseconds")
+    check_stamps(path, times, "nanoseconds", [line for line, _ in rows])
     return dict(zip(poses, times.tolist(), strict=True))
 
 

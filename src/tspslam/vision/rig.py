@@ -210,8 +210,12 @@ def check_pair(pair: StereoPair) -> None:
     for side, image in (("left", pair.left), ("right", pair.right)):
         check_image(f"{pair.name}: {side} image", image)
     left, right = pair.left, pair.right
-    if left.shape != right.shape:
+    if left.shape[:2] != right.shape[:2]:
         raise InputError(f"{pair.name}: left image is {_size(left)}, right {_size(right)}, expected the same size")
+    if left.ndim != right.ndim:
+        kinds = ["grey" if image.ndim == 2 else "in colour" for image in (left, right)]
+        wanted = "both alike (magick IN.png -colorspace Gray OUT.png makes a grey one)"
+        raise InputError(f"{pair.name}: left image is {kinds[0]}, right {kinds[1]}, expected {wanted}")
     if left.dtype != right.dtype:
         raise InputError(f"{pair.name}: left image is {left.dtype}, right {right.dtype}, expected the same dtype")
     if left.shape[:2] != (pair.rig.height, pair.rig.width):
