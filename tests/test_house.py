@@ -7,7 +7,7 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_files", "_jit", "_yaml", "types", "errors"}  # what any room may stand on
+GROUND = {"_atomic", "_files", "_jit", "_text", "_yaml", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
     "cli": {
@@ -40,7 +40,8 @@ BELOW = {  # what each room may import, besides itself
     "topology": GROUND,
     "_atomic": {"_files", "errors"},
     "_files": {"errors"},
-    "_yaml": {"_files"},
+    "_text": {"_files"},
+    "_yaml": {"_files", "_text"},
     "types": {"errors"},
     "_jit": set(),
     "errors": set(),

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
+from .._files import PathLike, bad_input, one_line, reason_of
+from .._text import read_text
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
@@ -88,10 +89,7 @@ def table(path: Path, expected: str, separator: str | None = None, counts: Seque
 
     Each line has as many words as one of `counts`, if there are any.
     """
-    try:
-        lines = read_bytes(path, expected, _LARGEST_TEXT).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise bad_input(path, f"is no text ({error.reason} at byte {error.start})", expected) from error
+    lines = read_text(path, expected, _LARGEST_TEXT).split("\n")
     said = ((k, line.strip()) for k, line in enumerate(lines, 1))
     rows = [(k, [word.strip() for word in line.split(separator)]) for k, line in said if line and line[0] != "#"]
     for number, words in rows:
