@@ -49,7 +49,9 @@ def unmarked(data: bytes) -> bytes:
     (b'ply', b'ply')
     """
     encoding = encoding_of(data)
-    return data if encoding is None else data.decode(encoding, "replace").encode("utf-8", "replace")
+    if encoding in (None, "utf-8-sig"):  # what follows may be binary
+        return data.removeprefix(codecs.BOM_UTF8)
+    return data.decode(str(encoding), "replace").encode("utf-8", "replace")
 
 
 def read_lines(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> Iterator[Line]:
@@ -93,14 +95,14 @@ def read_text(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> str
 def split(
     path: PathLike, line: Line, expected: str, counts: Collection[int] = (), separator: str | None = None
 ) -> list[str]:
-    """Return the words of a line; as many as one of `counts`, if there are any.
+    """Return the words of a line before a #; as many as one of `counts`, if there are any.
 
     Raises
     ------
     InputError
         If they are not; it names the separators that were found instead.
     """
-    number, text = line
+    number, text = line[0], line[1].partition("#")[0].rstrip()
     words = [word.strip() for word in text.split(separator)]
     if counts and len(words) not in counts:
         values = "1 value" if len(words) == 1 else f"{len(words)} values"

@@ -42,7 +42,7 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
     ------
     InputError
         If one of them cannot be read, which pose is for which frame cannot be told, or too few match (fewer than 3, or
-        5 % of the shorter path).
+        5 % of the path).
     """
     if run.is_dir():
         estimate, rows = _of_run(run)

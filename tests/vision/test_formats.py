@@ -559,3 +559,60 @@ def test_our_own_file_is_told_from_the_others(tmp_path: Path) -> None:
     assert single(tmp_path, OWN).cameras == RECTIFIED
     with pytest.raises(InputError, match="unknown key 'basline'; did you mean baseline"):
         single(tmp_path, OWN.replace("baseline", "basline"))
+
+
+FISHEYE = [
+    ("opencv", "M1: !!", "model: fisheye\nM1: !!", "model is 'fisheye'"),
+    ("opencv", "M1: !!", "calibration_model: KANNALA_BRANDT\nM1: !!", "calibration_model is 'KANNALA_BRANDT'"),
+    ("opencv", "M1: !!", "is_fisheye: true\nM1: !!", "is_fisheye is True"),
+    ("opencv", "M1: !!", "distortion_model: equidistant\nM1: !!", "distortion_model is 'equidistant'"),
+    ("opencv", "R: !!", "fisheye: 1\nR: !!", "extrinsics.yml: fisheye is 1"),
+    ("projections", "P1:", "lens: {projection: fish-eye}\nP1:", "lens.projection is 'fish-eye'"),
+    ("euroc", "radial-tangential", "kannala_brandt4", "distortion_model is 'kannala_brandt4'"),
+    ("kalibr", "radtan", "equi", "cam0.distortion_model is 'equi'"),
+    ("kalibr", "camera_model: pinhole", "camera_model: ds", "cam0.camera_model is 'ds'"),
+    ("orbslam2", "Camera.RGB: 1", 'Camera.type: "KannalaBrandt8"', "Camera.type is 'KannalaBrandt8'"),
+    ("prerectified", "LEFT.width", 'Camera.type: "Fisheye"\nLEFT.width', "Camera.type is 'Fisheye'"),
+    ("own", "fx: ", "model: equidistant\nfx: ", "model is 'equidistant'"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), FISHEYE)
+def test_a_lens_that_is_no_pinhole_is_named_in_every_format(
+    tmp_path: Path, name: str, old: str, new: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=f"{said}, expected pinhole .* is not supported yet") as caught:
+        read(tmp_path, changed(SAMPLES[name], old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_right_camera_s_lens_is_named_as_well(tmp_path: Path) -> None:
+    path = SAMPLES["euroc"].write(tmp_path)
+    right = path.parent.parent / "cam1" / "sensor.yaml"
+    right.write_text(right.read_text().replace("radial-tangential", "equidistant"))
+    with pytest.raises(InputError, match=r"cam1\.distortion_model is 'equidistant', expected pinhole"):
+        read_calibration(path)
+
+
+def test_a_file_of_a_fisheye_camera_alone_is_named_by_its_lens(tmp_path: Path) -> None:
+    text = "%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: left\nprojection_parameters: {k2: 0.1, mu: 400}\n"
+    with pytest.raises(InputError, match=r"model_type is 'KANNALA_BRANDT', .*fisheye model of Kannala and Brandt"):
+        single(tmp_path, text)
+
+
+@EVERY
+@pytest.mark.parametrize("above", ["# mine\n", "\n\n", "  # one\n\n# two\n"])
+def test_comments_and_blank_lines_may_stand_above_the_header(tmp_path: Path, name: str, above: str) -> None:
+    sample = SAMPLES[name]
+    found = read(tmp_path, replace(sample, files={key: above + text for key, text in sample.files.items()}))
+    assert same(found.cameras, sample.cameras)
+
+
+def test_four_coefficients_without_a_lens_model_are_remarked_on(tmp_path: Path) -> None:
+    sample = SAMPLES["opencv"]
+    text = sample.files["intrinsics.yml"]
+    four = text.replace("cols: 14", "cols: 4").replace(", 0., 0., 0., 0.,\n       0., 0., 0., 0., 0., 0. ]", " ]")
+    found = read(tmp_path, replace(sample, files=sample.files | {"intrinsics.yml": four}))
+    assert same(found.cameras, sample.cameras)
+    assert any("4 coefficients and no lens model is named" in line for line in found.remarks)
+    assert not any("4 coefficients" in line for line in read(tmp_path, sample).remarks)

@@ -187,7 +187,8 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
     if behind:
         found.append(
             f"{behind} of the mesh's vertices are behind the camera (z <= 0), {int((z > 0).sum())} before it: a mesh "
-            "around the camera, or in another frame than its own (x right, y down, z forward); faces across it hide nothing"
+            "around the camera, or in another frame than its own (x right, y down, z forward); faces across it hide "
+            "nothing"
         )
     depth = float(np.median(z[textured.signals.vertex_ok]))
     disparity = rig.fx * rig.baseline / depth

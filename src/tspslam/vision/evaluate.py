@@ -13,7 +13,7 @@ from .se3 import alignment, inverse, rotation_angle
 
 _FARTHEST = 1e10  # m
 _FEWEST = 3  # positions: through fewer, the motion that lays a path on another is not one
-_LEAST = 0.05  # of the shorter path: below, what is compared says nothing of the whole
+_LEAST = 0.05  # of the estimate: below, what is compared says nothing of it
 _FEW = 0.5  # of a path: below, it is a part, which is said
 _LONGEST_GAP = 1 << 40  # frames
 _SLACK = 0.1  # of a distance, by which the nearest pair of poses may miss it
@@ -132,13 +132,14 @@ def evaluate_trajectory(
     Raises
     ------
     InputError
-        If a trajectory is no trajectory, fewer than 3 poses match, or less than 5 % of the shorter path does.
+        If a trajectory is no trajectory, fewer than 3 poses match, or less than 5 % of the estimate does.
 
     Notes
     -----
     The share of a path that is compared is that of its time between the first match and the last, times the share of
     poses there that match, of the estimate or of the truth, whichever has fewer: so a truth of 200 Hz or of 1 Hz is as
-    good as one of the estimate's rate. Below half of either path, `warnings` says so.
+    good as one of the estimate's rate. Below half of either path, `warnings` says so: of the true one too, which may go
+    on behind an estimate of its first part, where errors are still small.
 
     Examples
     --------
@@ -196,11 +197,9 @@ class _Overlap:
         spans = f"stamps are {_span(self.estimate.stamps)}, true ones {_span(self.truth.stamps)}"
         if matched < _FEWEST:
             raise InputError(f"{said}, expected at least {_FEWEST}; {spans}")
-        share = self.density * max(self.span_of(self.estimate, self.own), self.span_of(self.truth, self.other))
+        share = self.density * self.span_of(self.estimate, self.own)
         if share < _LEAST:
-            raise InputError(
-                f"{said}, {100 * share:.2g} % of the shorter path, expected at least {100 * _LEAST:g} %; {spans}"
-            )
+            raise InputError(f"{said}, {100 * share:.2g} % of the path, expected at least {100 * _LEAST:g} %; {spans}")
 
     def warnings(self) -> tuple[str, ...]:
         """What to say where less than half is compared."""
