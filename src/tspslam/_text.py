@@ -72,7 +72,7 @@ def read_lines(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> It
                 text = line.strip()
                 if "\0" in text:
                     raise bad_input(path, f"is no text: line {number} holds a zero byte", expected)
-                if not is_comment(text):
+                if not text.startswith(_COMMENT):
                     yield number, text
         except (OSError, UnicodeError, MemoryError) as error:
             raise _unread(path, error, expected) from error
@@ -118,9 +118,8 @@ def numbers(path: PathLike, line: Line, words: Sequence[str], expected: str) -> 
     InputError
         If a word is none; it names the word and, if that is why, the separators.
     """
-    plain = all(word.isascii() and "_" not in word for word in words)
     try:
-        if plain:
+        if is_plain("".join(words)):  # float takes 1_000 and other digits too
             return [float(word) for word in words]
     except ValueError:
         pass
@@ -146,9 +145,14 @@ def separators_of(text: str, separator: str | None = None) -> str:
     return ", separated by blanks" if separator and separator not in text and len(words) > 1 else ""
 
 
+def is_plain(text: str) -> bool:
+    """Tell whether a text has neither underscores nor letters beyond ASCII, which Python takes within numbers."""
+    return text.isascii() and "_" not in text
+
+
 def is_comment(text: str) -> bool:
     """Tell whether a line says nothing: it begins with # or %, blanks before it or not."""
-    return text.lstrip().startswith(_COMMENT)
+    return text.startswith(_COMMENT) or text.lstrip().startswith(_COMMENT)
 
 
 def _opened(path: PathLike, expected: str, largest: int) -> io.TextIOWrapper:

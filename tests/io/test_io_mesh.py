@@ -153,3 +153,10 @@ def test_minus_zero_is_zero_and_faces_that_vanish_go():
     merged, faces = merge_corners(xyz, np.array([[3, 1, 2], [0, 3, 1]], np.int32))
     assert len(merged) == 3
     assert faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("word", ["1_0", "\u0661", "\u00b9"])
+def test_numbers_of_an_obj_are_plain_digits(tmp_path, word):
+    for line in (f"v 0 0 {word}\n", f"f 1 2 {word}\n"):
+        with pytest.raises(InputError, match="line 10 holds a word that is no number"):
+            read_mesh(saved(tmp_path, OBJ + line.encode()))

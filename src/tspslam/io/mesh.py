@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._files import PathLike, bad_input, read_bytes
-from .._text import Line, numbers, read_lines, unmarked
+from .._text import Line, is_plain, numbers, read_lines, unmarked
 from ..errors import InputError
 from ..types import FloatArray
 from ._ply_header import parse_header
@@ -17,7 +16,6 @@ from .frames import read_frame
 from .ply import read_ply
 from .vtu import read_vtu
 
-_CORNER = re.compile(r"[-+]?[0-9]{1,30}(?:/.*)?")  # vertex, and indices of texture and normal, which are passed over
 _EXPECTED = "a triangle mesh in .ply, .vtu, .obj, or a frame's .npz"
 
 
@@ -175,7 +173,7 @@ def _position(path: PathLike, line: Line, words: list[str]) -> list[float]:
 def _triangle(words: list[str], n: int) -> list[int]:
     if len(words) != 4:
         raise _LineError(f"has a face of {len(words) - 1} corners, where 3 go")
-    if not all(map(_CORNER.fullmatch, words[1:])):
+    if not is_plain("".join(words)):
         raise ValueError
     corners = [int(word.split("/", 1)[0]) for word in words[1:]]
     if not all(0 < abs(corner) < 1 << 31 for corner in corners):
