@@ -623,6 +623,52 @@ def test_filter_names_what_does_not_fit(capsys, pair_files, small_pair):
     assert (code, "order is -1" in line) == (3, True)
 
 
+def filtered(capsys, folder, name, points, faces, *more):
+    """Exit code, record and warnings of `filter` on a mesh that is written here."""
+    write_ply(folder / f"{name}.ply", points, faces, vertex={}, face={})
+    words = [
+        "--image",
+        folder / "left.png",
+        "--calib",
+        folder / "calib.yaml",
+        "--out",
+        folder / f"out{len(more)}-{name}",
+    ]
+    code, out, err = type_in(capsys, "filter", folder / f"{name}.ply", *words, "--json", *more)
+    said = [line for line in err.splitlines() if not line.startswith("compiling")]
+    return code, json.loads(out) if out else {}, said
+
+
+def test_a_triangle_soup_is_degraded_and_its_merged_corners_are_the_mesh(capsys, pair_files, small_pair):
+    points, faces = plane_mesh(pair_files, small_pair[2])
+    soup, corners = points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+    code, record, said = filtered(capsys, pair_files, "soup", soup, corners)
+    assert (code, record["status"], record["complex"]["edges"]) == (4, "degraded", 3 * len(faces))
+    assert said == [f"warning: no edge is shared by two of the {len(faces)} faces: merge corners with --merge-corners"]
+    code, record, said = filtered(capsys, pair_files, "soup", soup, corners, "--merge-corners")
+    assert (code, record["complex"]["edges"], record["warnings"], said) == (0, 271, [], [])
+
+
+def test_a_mesh_that_is_cut_along_a_seam_and_in_mm_is_said_to_be(capsys, pair_files, small_pair):
+    points, faces = plane_mesh(pair_files, small_pair[2])
+    cut = np.where(np.arange(len(faces))[:, None] < 80, faces, faces + len(points))
+    code, record, said = filtered(capsys, pair_files, "seam", 1000 * np.concatenate([points, points]), cut)
+    assert (code, record["status"]) == (0, "complete")
+    assert "corners of faces are where another is: edges there are not shared; merge corners with" in said[-2]
+    assert "the mesh is 3000 m away in the median, a disparity of 0.064 px: is it in millimetres?" in said[-1]
+
+
+def test_a_mesh_that_cannot_be_filtered_is_one_line(capsys, pair_files, small_pair):
+    points, faces = plane_mesh(pair_files, small_pair[2])
+    for name, given, said in (
+        ("flat", ([[0, 0, 3]] * 3, [[0, 1, 2]], "--merge-corners"), "has no face whose corners are at three places"),
+        ("behind", (points[:-2] * [1, 1, -1], faces), "none of 104 vertices falls into the image (all are behind the"),
+        ("cloud", (points, np.empty((0, 3), int)), "has 106 vertices and no faces"),
+    ):
+        code, _, lines = filtered(capsys, pair_files, name, *given)
+        assert (code, len(lines), said in lines[0]) == (3, 1, True)
+
+
 def test_help_and_import_are_quick():
     """Against a bare interpreter in the same run: 0.3 s for --help, 0.1 s for the import."""
 

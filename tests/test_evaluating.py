@@ -75,7 +75,8 @@ BAD = {
     "line 1 has 3 values": "1 2 3\n",
     "line 2 has 12 values": "0 0 0 0 0 0 0 1\n1 0 0 0 0 1 0 0 0 0 1 0\n",
     "no number": "0 a 0 0 0 0 0 1\n",
-    "not finite": "0 nan 0 0 0 0 0 1\n",
+    "line 1 has a value that is not finite": "0 inf 0 0 0 0 0 1\n",
+    "has no pose that is known": "0 nan 0 0 0 0 0 1\n",
     "stamp 2 is 0.0": "0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n",
     "not of length 1": "0 0 0 0 0 0 0 2\n",
     "holds no rotation": "2 0 0 0 0 1 0 0 0 0 1 0\n",
@@ -150,3 +151,79 @@ def test_of_frames_of_one_moment_the_first_one_counts(paths):
         rows = [{"stamp": float(estimate.stamp[k]), "index": k} for k in range(60)]
         folder.write_run({"per_frame": [*rows, {"stamp": float(estimate.stamp[-1]), "index": 60}]})
     assert evaluated(paths / "run", paths / "truth.txt").matched == 60
+
+
+def cut(paths, name, rows):
+    """A file of chosen lines of the truth."""
+    lines = (paths / "truth.tum").read_text().splitlines(keepends=True)
+    (paths / name).write_text("".join(np.array(lines, object)[rows]))
+    return paths / name
+
+
+def test_two_poses_of_sixty_are_an_error_and_a_quarter_is_said(paths, capsys):
+    words = ["eval", str(paths / "estimate.tum"), "--json", "--truth"]
+    assert cli._exit_code([*words, str(cut(paths, "two.tum", slice(0, 2)))]) == cli.BAD_INPUT
+    assert "2 of 60 poses have a true one within 0.01 s, expected at least 3" in capsys.readouterr().err
+    assert cli._exit_code([*words, str(cut(paths, "three.tum", slice(0, 3)))]) == cli.BAD_INPUT
+    assert (
+        "3 of 60 poses have a true one within 0.01 s, 3.4 % of the path, expected at least 5 %"
+        in capsys.readouterr().err
+    )
+    assert cli._exit_code([*words, str(cut(paths, "part.tum", slice(0, 15)))]) == cli.COMPLETE
+    out, err = capsys.readouterr()
+    said = "only 24 % of the estimated path is compared (15 of 60 poses): the errors are those of a part"
+    assert err == f"warning: {said}\n"
+    assert json.loads(out)["warnings"] == [said]
+    assert json.loads(out)["truth_covered"] == 1
+
+
+def test_unknown_true_poses_are_left_out_and_counted(paths, capsys):
+    lines = (paths / "truth.tum").read_text().splitlines()
+    for k in (3, 4, 59):
+        lines[k] = lines[k].split()[0] + " NaN" * 7
+    (paths / "holes.tum").write_text("\n".join(lines))
+    assert cli._exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [found[key] for key in ("matched", "total", "truth_total", "truth_unknown")] == [57, 60, 57, 3]
+    assert found["scale"] == pytest.approx(1 / 1.01)
+    assert cli._exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum")]) == 0
+    assert "truth_unknown" + " " * 17 + "3\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("filler", ["", "nan " * 12])
+def test_line_k_of_poses_without_stamps_is_frame_k(paths, filler):
+    lines = (paths / "truth.txt").read_text().splitlines()
+    (paths / "holes.txt").write_text("\n".join([*lines[:10], filler, *lines[11:]]) + "\n\n\n")
+    path = read_trajectory(paths / "holes.txt")
+    assert (len(path), np.flatnonzero(np.isnan(path.T_world_camera[:, 0, 0])).tolist()) == (60, [10])
+    for estimate in ("estimate.tum", "estimate.txt"):
+        errors = evaluated(paths / estimate, paths / "holes.txt")
+        assert (errors.matched, errors.truth_unknown) == (59, 1)
+        assert errors.scale == pytest.approx(1 / 1.01)
+    errors = evaluated(paths / "holes.txt", paths / "truth.tum")
+    assert (errors.matched, errors.unknown, errors.ate_rmse_m < 1e-9) == (59, 1, True)
+
+
+def test_poses_with_and_without_stamps_go_by_line_only_where_there_are_as_many(paths):
+    errors = evaluated(paths / "estimate.txt", paths / "truth.tum")  # not line 5 at 5 s
+    assert (errors.matched, errors.scale) == (60, pytest.approx(1 / 1.01))
+    cut(paths, "tail.tum", slice(10, None))
+    for one, other in (("tail.tum", "truth.txt"), ("estimate.txt", "tail.tum")):
+        with pytest.raises(InputError, match="which is for which frame cannot be told; expected both with stamps"):
+            evaluated(paths / one, paths / other)
+
+
+def test_a_run_that_left_out_images_is_matched_by_their_numbers(paths, tmp_path):
+    """An image without a partner is no frame, but has its line among the true poses."""
+    from tspslam.io import RunFolder
+
+    kept = [k for k in range(60) if k not in (5, 20)]
+    estimate = read_trajectory(paths / "estimate.tum")
+    with RunFolder.create(tmp_path / "run", {}) as folder:
+        folder.write_trajectory(estimate.stamp[kept], estimate.T_world_camera[kept])
+        rows = [{"stamp": float(estimate.stamp[k]), "index": i, "name": f"{k:06d}"} for i, k in enumerate(kept)]
+        folder.write_run({"per_frame": rows})
+    assert evaluated(tmp_path / "run", paths / "truth.txt").scale == pytest.approx(1 / 1.01)
+    truth = np.array((paths / "truth.txt").read_text().splitlines(keepends=True), object)
+    (paths / "pairs.txt").write_text("".join(truth[kept]))  # a line for each pair
+    assert evaluated(tmp_path / "run", paths / "pairs.txt").scale == pytest.approx(1 / 1.01)

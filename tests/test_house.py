@@ -7,7 +7,7 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_files", "_jit", "_npz", "_yaml", "types", "errors"}  # what any room may stand on
+GROUND = {"_atomic", "_files", "_jit", "_npz", "_text", "_yaml", "types", "errors"}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
     "cli": {
@@ -46,7 +46,8 @@ BELOW = {  # what each room may import, besides itself
     "_atomic": {"_files", "errors"},
     "_files": {"errors"},
     "_npz": {"_files", "errors"},
-    "_yaml": {"_files"},
+    "_text": {"_files"},
+    "_yaml": {"_files", "_text"},
     "types": {"errors"},
     "_jit": set(),
     "errors": set(),

@@ -7,10 +7,12 @@ from typing import Any, ClassVar
 
 import yaml
 
-from ._files import PathLike, bad_input, one_line, read_bytes
+from ._files import PathLike, bad_input, one_line
+from ._text import read_text
 
 LARGEST_FILE = 1 << 20  # bytes
 _DEEPEST = 21
+_HEADER = re.compile(r"\A((?:[ \t]*(?:#[^\n]*)?\n)*)%YAML[: ][ \t]*1\.[0-9][^\n]*")
 # What plain words mean, YAML 1.2's core: no dates, no 1:30 for 90, no <<, no yes and no.
 _WORDS = {
     "null": r"~|null|Null|NULL|",
@@ -74,6 +76,19 @@ def _refused(problem: str, at: Any) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=at.start_mark)
 
 
+def without_header(text: str) -> str:
+    r"""Return the text of a file with OpenCV's header ``%YAML:1.0``, if that is there, made a comment.
+
+    With the colon it is no directive that YAML knows. Comments and blank lines may stand above it.
+
+    Examples
+    --------
+    >>> without_header("# mine\n%YAML:1.0\nfx: 500")
+    '# mine\n#\nfx: 500'
+    """
+    return _HEADER.sub(r"\1#", text, count=1)
+
+
 def parse_yaml(text: str) -> Any:
     """Return what plain YAML says; ValueError with the reason, and the line where there are several, if it is not."""
     try:
@@ -88,9 +103,9 @@ def parse_yaml(text: str) -> Any:
 
 def read_yaml(path: PathLike, expected: str) -> Any:
     """Return the content of a plain YAML file of at most 1 MiB; anything else is an `InputError`."""
-    data = read_bytes(path, expected, LARGEST_FILE)
+    text = without_header(read_text(path, expected, LARGEST_FILE))
     try:
-        return parse_yaml(data.decode("utf-8-sig"))
+        return parse_yaml(text)
     except ValueError as error:
         raise bad_input(path, f"is not plain YAML: {one_line(str(error))[:160]}", expected) from error
 

@@ -102,6 +102,7 @@ def filter_command(
     out: OutOption = None,
     order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
     centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
+    merge: Annotated[bool, typer.Option("--merge-corners", help="Make one vertex of those at the same place.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
@@ -109,10 +110,10 @@ def filter_command(
     from .topology.harmonic import Tmahf
 
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    target = out or Path("runs") / f"{mesh.stem}-filter"
+    target = out or Path("runs") / f"{mesh.stem}-filter{'-merged' if merge else ''}"
     _check_folder(target, mesh, image, calib)
     _announce_compilation()
-    _finish(filter_mesh(mesh, image, calib, target, stage), as_json)
+    _finish(filter_mesh(mesh, image, calib, target, stage, merge=merge), as_json)
 
 
 @app.command("export")
@@ -167,11 +168,14 @@ def eval_command(
 
         write_path_picture(errors, plot)
     found = summary(errors)
+    for line in errors.warnings:
+        _note(f"warning: {line}")
     if as_json:
         _say(json.dumps(found))
         return
     for name, value in found.items():
-        _say(f"{name:<28}  {'-' if value is None else f'{value:.6g}'}")
+        if name != "warnings":
+            _say(f"{name:<28}  {'-' if value is None else f'{value:.6g}'}")
 
 
 @config_app.command("show")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ from .datasets import open_sequence
 from .errors import InputError
 from .io import RunFolder, read_trajectory
 from .io.trajectory import has_stamps
-from .types import Trajectory
+from .types import FloatArray, Trajectory
 from .vision.evaluate import TrajectoryErrors, evaluate_trajectory
 
 _TEN = 10.0  # m
+_NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
 
 
@@ -27,7 +29,8 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
         A run folder, or a trajectory file in TUM's or KITTI's form.
     truth : path
         Such a file, or a sequence folder that has true poses. A file in KITTI's form has no stamps: its line k, from
-        0, is for frame k of the run.
+        0, is for frame k of the run, or, where images without a partner were left out of the run, for image number k.
+        Beside a file without stamps, one with stamps must have as many lines.
     max_stamp_difference : float
         Farthest that two matched stamps are apart, s.
 
@@ -38,16 +41,34 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
     Raises
     ------
     InputError
-        If one of them cannot be read, or fewer than 2 poses match.
+        If one of them cannot be read, which pose is for which frame cannot be told, or too few match (fewer than 3, or
+        5 % of the path).
     """
-    estimate, frames = _estimate(run)
-    if truth.is_dir():
-        return evaluate_trajectory(estimate, _of_sequence(truth), max_stamp_difference=max_stamp_difference)
-    reference = read_trajectory(truth)
-    if not has_stamps(truth):
-        estimate = Trajectory(frames, estimate.T_world_camera)
-        return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
-    return evaluate_trajectory(estimate, reference, max_stamp_difference=max_stamp_difference)
+    if run.is_dir():
+        estimate, rows = _of_run(run)
+        if truth.is_dir() or has_stamps(truth):
+            return evaluate_trajectory(estimate, _truth(truth), max_stamp_difference=max_stamp_difference)
+        reference = _truth(truth)
+        return _by_number(Trajectory(_frames(rows, len(reference)), estimate.T_world_camera), reference)
+    estimate, reference = read_trajectory(run), _truth(truth)
+    stamped = has_stamps(run), truth.is_dir() or has_stamps(truth)
+    if all(stamped):
+        return evaluate_trajectory(estimate, reference, max_stamp_difference=max_stamp_difference)
+    if any(stamped) and len(estimate) != len(reference):
+        said = "has stamps" if stamped[0] else "has no stamps"
+        raise InputError(
+            f"{run}: {said} and {len(estimate)} poses, {truth} has {len(reference)} and the other form: which is for "
+            "which frame cannot be told; expected both with stamps, a run folder, or as many poses"
+        )
+    return _by_number(_numbered(estimate), _numbered(reference))
+
+
+def _numbered(path: Trajectory) -> Trajectory:
+    return Trajectory(np.arange(len(path), dtype=np.float64), path.T_world_camera)
+
+
+def _by_number(estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
+    return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
 
 
 def summary(errors: TrajectoryErrors) -> dict[str, Any]:
@@ -61,23 +82,47 @@ def summary(errors: TrajectoryErrors) -> dict[str, Any]:
         "rpe_rotation_deg_frame": errors.rpe_rotation_deg,
         "rpe_translation_percent_10m": ten.translation_percent if ten.pairs else None,
         "rpe_rotation_deg_10m": ten.rotation_deg if ten.pairs else None,
+        "rpe_pairs": errors.rpe_pairs,
+        "rpe_frames": errors.rpe_frames,
         "matched": errors.matched,
         "total": errors.total,
+        "truth_total": errors.truth_total,
+        "unknown": errors.unknown,
+        "truth_unknown": errors.truth_unknown,
+        "covered": errors.covered,
+        "truth_covered": errors.truth_covered,
+        "warnings": list(errors.warnings),
     }
 
 
-def _estimate(run: Path) -> tuple[Trajectory, np.ndarray]:
-    """Path of a run, and the numbers of its frames."""
-    if not run.is_dir():
-        path = read_trajectory(run)
-        return path, np.arange(len(path), dtype=np.float64)
-    rows = RunFolder.open(run).read_rows()
+def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:
+    """Path of a run, and what ``run.json`` says of the frame of each pose."""
     path = read_trajectory(run / "trajectory.tum")
-    numbers = {float(row["stamp"]): row["index"] for row in reversed(rows)}  # of one moment, the first
-    lost = [stamp for stamp in path.stamp.tolist() if stamp not in numbers]
+    found = RunFolder.open(run).read_rows()
+    rows = {float(row["stamp"]): row for row in reversed(found)}  # of frames of one moment, the first
+    lost = [stamp for stamp in path.stamp.tolist() if stamp not in rows]
     if lost:
         raise InputError(f"{run / 'trajectory.tum'}: stamp {lost[0]!r} is not in run.json, expected those of one run")
-    return path, np.array([numbers[stamp] for stamp in path.stamp.tolist()], np.float64)
+    return path, [rows[stamp] for stamp in path.stamp.tolist()]
+
+
+def _frames(rows: list[dict[str, Any]], lines: int) -> FloatArray:
+    """Which line of a file of true poses without stamps is for which frame.
+
+    The frame's place in the run; but where images are named by number and numbers between are missing, since an image
+    had no partner, the number, if the file goes so far.
+    """
+    index = np.array([row["index"] for row in rows], np.float64)
+    names = [str(row.get("name", "")) for row in rows]
+    if not all(_NUMBER.fullmatch(name) for name in names):
+        return index
+    numbers = np.array(names, np.float64)
+    has_gaps = (np.diff(numbers) > np.diff(index)).any() and (np.diff(numbers) > 0).all()
+    return numbers if has_gaps and numbers.max() < lines else index
+
+
+def _truth(place: Path) -> Trajectory:
+    return _of_sequence(place) if place.is_dir() else read_trajectory(place)
 
 
 def _of_sequence(folder: Path) -> Trajectory:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ._files import one_line
-from .doors.meshes import from_arrays
+from .doors.meshes import Textured, doubts_of_mesh, from_arrays
 from .errors import InputError
-from .io import RunFolder, StoredFrame, read_image, read_mesh, write_frame
+from .io import RunFolder, StoredFrame, merge_corners, read_image, read_mesh, write_frame
+from .io.mesh import repeated_corners
 from .pipeline import RunResult, finish
 from .records import array_hash, hash_of, machine, versions
+from .topology.complex import Complex
 from .topology.harmonic import Tmahf
+from .types import FloatArray
 from .vision.formats import read_rectified
+from .vision.rig import doubts
 
 
-def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf) -> RunResult:
+def filter_mesh(
+    mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf, *, merge: bool = False
+) -> RunResult:
     """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
 
     Parameters
@@ -30,6 +40,9 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         The run folder to fill.
     stage : Tmahf
         The filter.
+    merge : bool
+        Make one vertex of those with equal coordinates first, as `tspslam.io.merge_corners`. A mesh whose faces share
+        no edge is filtered as it is, and the run is degraded.
 
     Returns
     -------
@@ -38,13 +51,15 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     Raises
     ------
     InputError
-        If a file cannot be used, or the camera sees no vertex.
+        If a file cannot be used, a mesh has no faces, or the camera sees no vertex.
     OutputError
         If something cannot be written.
     """
     pixels = read_image(image)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
+    if merge:
+        xyz, faces = _merged(mesh, xyz, faces)
     try:
         textured = from_arrays(xyz, faces, pixels, rig)
         response = stage(textured.complex_, textured.cloud.uv, textured.signals)
@@ -63,17 +78,47 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     return RunResult(out, record)
 
 
+def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, NDArray[np.int32]]:
+    xyz, faces = merge_corners(xyz, faces)
+    if not len(faces):
+        raise InputError(f"{mesh}: has no face whose corners are at three places, expected a mesh")
+    return xyz, faces
+
+
 def _filter_record(frame: StoredFrame) -> dict[str, Any]:
-    hidden = int((~frame.signals.vertex_ok).sum())
-    where = "hidden, outside the image or behind the camera"
-    message = f"{hidden} of {len(frame.cloud)} vertices are {where} and have no signal"
-    sizes = {"n": len(frame.cloud), "edges": len(frame.complex_.edges), "faces": len(frame.complex_.faces)}
+    edges, faces = frame.complex_.edges, frame.complex_.faces
+    sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
-        "status": "complete",
+        "status": "degraded" if _is_soup(frame.complex_) else "complete",
         "source": frame.name,
         "frames": 1,
         "complex": sizes | {"euler": frame.complex_.euler},
         "defined": int(frame.response.defined.sum()),
-        "warnings": [{"code": "unseen_vertices", "message": message}] if hidden else [],
+        "warnings": [{"code": code, "message": message} for code, message in _warnings(frame)],
         "versions": versions(),
     }
+
+
+def _is_soup(complex_: Complex) -> bool:
+    """Whether no two of several faces share an edge, so that nothing goes from one to the other."""
+    return len(complex_.faces) > 1 and len(complex_.edges) == 3 * len(complex_.faces)
+
+
+def _warnings(frame: StoredFrame) -> Iterator[tuple[str, str]]:
+    hidden = int((~frame.signals.vertex_ok).sum())
+    if hidden:
+        where = "hidden, outside the image or behind the camera"
+        yield "unseen_vertices", f"{hidden} of {len(frame.cloud)} vertices are {where} and have no signal"
+    corners = frame.cloud.xyz[np.unique(frame.complex_.faces)]
+    repeated = repeated_corners(corners)
+    way_on = "merge corners with --merge-corners" if repeated else "they touch nowhere"
+    if _is_soup(frame.complex_):
+        yield "no_shared_edge", f"no edge is shared by two of the {len(frame.complex_.faces)} faces: {way_on}"
+    elif repeated:
+        said = f"{repeated} of {len(corners)} corners of faces are where another is: edges there are not shared"
+        yield "repeated_corners", f"{said}; {way_on}"
+    textured = Textured(frame.cloud, frame.surface, frame.complex_, frame.signals)
+    for line in doubts_of_mesh(textured, frame.rig):
+        yield "mesh", line
+    for line in doubts(frame.rig):
+        yield "calibration", line

@@ -8,6 +8,7 @@ from PIL import Image
 
 from tspslam import InputError, Rig, build_complex, delaunay_surface, merge_cells, reconstruct, sample_signals
 from tspslam.doors import from_arrays, from_colmap, from_file, from_toponetx, from_trimesh, to_toponetx
+from tspslam.doors.meshes import doubts_of_mesh
 from tspslam.vision.calibration import save_cameras
 from tspslam.vision.rig import project
 
@@ -58,6 +59,28 @@ def test_arrays_that_do_not_fit_are_named(changes, message):
     given = {"xyz": XYZ, "faces": FACES, "image": IMAGE, "rig": RIG} | changes
     with pytest.raises(InputError, match=message):
         from_arrays(**given)
+
+
+def doubted(xyz, faces=FACES, rig=RIG):
+    return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig), rig)
+
+
+def test_a_mesh_in_metres_before_the_camera_is_not_doubted():
+    for far in (1, 10):  # 4 to 40 m: 4.5 to 0.45 px
+        assert doubted(XYZ * far) == []
+    street = replace(RIG, fx=700.0, baseline=0.54)
+    assert doubted(XYZ * [10, 10, 300], rig=street) == []  # a hill, 1.2 km away
+
+
+def test_a_mesh_in_another_unit_or_around_the_camera_is_doubted():
+    mm, away = doubted(XYZ * 1000), doubted(XYZ * 1e-3)
+    assert mm == [
+        "the mesh is 4050 m away in the median, a disparity of 0.00444 px: is it in millimetres? Expected metres"
+    ]
+    assert "more than the image is wide: is it in another unit? Expected metres" in away[0]
+    both = doubted(np.concatenate([XYZ, XYZ * [1, 1, -1]]), np.concatenate([FACES, FACES + 5, [[0, 1, 5]]]))
+    assert "4 of the mesh's vertices are behind the camera (z <= 0), 5 before it: a mesh around the camera" in both[0]
+    assert doubted(np.concatenate([XYZ, [[0, 0, -1]]])) == []  # of no face
 
 
 def test_what_is_no_mesh_is_named():
@@ -127,8 +150,8 @@ HEAD = "4 1 0 0 0 0 0 0 7 my image.png\n"
     ({"images": "4 1 0 0\n\n"}, "line 1 has 4 words"),
     ({"images": HEAD.replace("my", "your") + "\n"}, "has no image 'my image.png'"),
     ({"images": HEAD + "1 2\n"}, "line 2 has 2 numbers, not three a point"),
-    ({"images": HEAD + "1 2 x\n"}, "line 2 holds something that is no number"),
-    ({"images": HEAD + "1 nan 3\n"}, "line 2 has 3 numbers or some that are not finite"),
+    ({"images": HEAD + "1 2 x\n"}, "line 2 holds a word that is no number: 'x'"),
+    ({"images": HEAD + "1 nan 3\n"}, "line 2 has a number that is not finite"),
     ({"images": HEAD.replace("4 1 0", "4 0 0") + "1 2 10\n"}, "quaternion of 0"),
     ({"images": HEAD + "1 2 10\n"}, "image my image.png observes 0 points in front of it; expected at least 3"),
     ({"images": HEAD}, "observes 0 points"),

@@ -7,7 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tspslam.errors import InputError
-from tspslam.io import read_mesh, write_vtu
+from tspslam.io import merge_corners, read_mesh, write_vtu
+from tspslam.io.mesh import repeated_corners
 from tspslam.topology.complex import build_complex
 
 FUZZ = settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -95,3 +96,67 @@ def test_a_damaged_obj_is_a_mesh_or_an_input_error(tmp_path, data):
 def test_noise_is_an_input_error(tmp_path, data, suffix):
     with pytest.raises(InputError):
         read_mesh(saved(tmp_path, data, f"noise{suffix}"))
+
+
+STRIPS = b"""ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element tristrips 1
+property list int int vertex_indices
+end_header
+0 0 1
+1 0 1
+0 1 1
+3 0 1 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("a.obj", b"v 0 0 1\nv 1 0 1\n", "has 2 vertices and no faces; expected a triangle mesh"),
+        ("a.ply", STRIPS, "has 3 vertices and no faces but triangle strips, which are not read"),
+        ("a.ply", STRIPS.replace(b"strips 1", b"strips 0"), "has 3 vertices and no faces; expected"),
+    ],
+)
+def test_a_file_without_faces_is_no_mesh(tmp_path, name, data, said):
+    with pytest.raises(InputError, match=said):
+        read_mesh(saved(tmp_path, data, name))
+
+
+def test_a_grid_of_lines_is_no_mesh(tmp_path):
+    write_vtu(tmp_path / "a.vtu", build_complex([], 3, edges=[[0, 1]]), np.eye(3))
+    with pytest.raises(InputError, match="has 3 vertices and no faces"):
+        read_mesh(tmp_path / "a.vtu")
+
+
+def test_merged_corners_give_the_mesh_that_the_soup_was_cut_from():
+    rng = np.random.default_rng(2)
+    xyz = rng.normal(size=(40, 3)).round(3)
+    faces = np.array([rng.choice(40, 3, replace=False) for _ in range(60)], np.int32)
+    soup = xyz[faces].reshape(-1, 3)
+    merged, found = merge_corners(soup, np.arange(180, dtype=np.int32).reshape(-1, 3))
+    assert len(merged) == len(np.unique(faces)) == 180 - repeated_corners(soup)
+    np.testing.assert_array_equal(merged[found], xyz[faces])
+    first = [np.flatnonzero((soup == point).all(axis=1))[0] for point in merged]
+    assert first == sorted(first)  # in the order of the file
+    again, same = merge_corners(merged, found)
+    np.testing.assert_array_equal(again, merged)
+    np.testing.assert_array_equal(same, found)
+
+
+def test_minus_zero_is_zero_and_faces_that_vanish_go():
+    xyz = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [-0.0, 0, 1], [0.0, -0.0, 1]])
+    merged, faces = merge_corners(xyz, np.array([[3, 1, 2], [0, 3, 1]], np.int32))
+    assert len(merged) == 3
+    assert faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("word", ["1_0", "\u0661", "\u00b9"])
+def test_numbers_of_an_obj_are_plain_digits(tmp_path, word):
+    for line in (f"v 0 0 {word}\n", f"f 1 2 {word}\n"):
+        with pytest.raises(InputError, match="line 10 holds a word that is no number"):
+            read_mesh(saved(tmp_path, OBJ + line.encode()))

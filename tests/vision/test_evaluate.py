@@ -68,13 +68,18 @@ def test_figures_are_those_of_evo(seed):
         metric.process_data((ref, est))
         return metric.get_statistic(metrics.StatisticsType.rmse)
 
+    def per_frame(metric):
+        """Over neighbours that are one frame apart: evo takes the steps over frames left out as well."""
+        figure(metric, False)
+        return np.sqrt(np.mean(metric.error[np.diff(estimate.stamp) < 0.15] ** 2))
+
     part, unit = metrics.PoseRelation, metrics.Unit
     ten = {"delta": 10.0, "delta_unit": unit.meters, "all_pairs": True, "pairs_from_reference": True}
     expected = {
         ours.ate_rmse_m: figure(metrics.APE(part.translation_part), False),
         ours.ate_sim3_rmse_m: figure(metrics.APE(part.translation_part), True),
-        ours.rpe_translation_m: figure(metrics.RPE(part.translation_part, 1, unit.frames), False),
-        ours.rpe_rotation_deg: figure(metrics.RPE(part.rotation_angle_deg, 1, unit.frames), False),
+        ours.rpe_translation_m: per_frame(metrics.RPE(part.translation_part, 1, unit.frames)),
+        ours.rpe_rotation_deg: per_frame(metrics.RPE(part.rotation_angle_deg, 1, unit.frames)),
         ours.per_distance[10.0].translation_m: figure(metrics.RPE(part.translation_part, **ten), False),
         ours.per_distance[10.0].rotation_deg: figure(metrics.RPE(part.rotation_angle_deg, **ten), False),
     }
@@ -85,11 +90,11 @@ def test_figures_are_those_of_evo(seed):
 def test_poses_are_matched_by_the_nearest_stamp_and_each_true_one_once():
     reference = path(5)
     estimate = Trajectory(
-        reference.stamp[[0, 1, 1, 3]] + [0, 0.001, 0.004, 0.02], reference.T_world_camera[[0, 1, 2, 3]]
+        reference.stamp[[0, 1, 1, 2, 3]] + [0, 0.001, 0.004, 0, 0.02], reference.T_world_camera[[0, 1, 2, 2, 3]]
     )
     errors = evaluate_trajectory(estimate, reference)
-    assert (errors.matched, errors.total) == (2, 4)
-    assert evaluate_trajectory(estimate, reference, max_stamp_difference=0.03).matched == 3
+    assert (errors.matched, errors.total) == (3, 5)
+    assert evaluate_trajectory(estimate, reference, max_stamp_difference=0.03).matched == 4
 
 
 def test_unknown_true_poses_are_left_out():
@@ -137,3 +142,68 @@ def test_bad_trajectories_get_one_line(said):
     estimate, reference, options = BAD[said]
     with pytest.raises(InputError, match=said):
         evaluate_trajectory(estimate, reference, **options)
+
+
+def taken(trajectory, rows):
+    return Trajectory(trajectory.stamp[rows], trajectory.T_world_camera[rows])
+
+
+@pytest.mark.parametrize(
+    ("rows", "frames", "pairs"),
+    [
+        (np.arange(0, 120), 1, 119),
+        (np.delete(np.arange(120), [30, 31, 70]), 1, 114),  # gaps are no frames
+        (np.arange(0, 120, 3), 3, 39),  # a truth at a third of the rate
+        (np.array([0, 1, *range(4, 120, 4)]), 4, 28),
+    ],
+)
+def test_the_error_a_frame_is_a_frame_s_however_sparse_the_truth_is(rows, frames, pairs):
+    """A drift of 1 mm a frame along a straight path."""
+    truth = Trajectory(0.1 * np.arange(120), np.tile(np.eye(4), (120, 1, 1)))
+    truth.T_world_camera[:, 2, 3] = np.arange(120)
+    drifted = Trajectory(truth.stamp, truth.T_world_camera.copy())
+    drifted.T_world_camera[:, 0, 3] = 0.001 * np.arange(120)
+    errors = evaluate_trajectory(drifted, taken(truth, rows))
+    assert (errors.rpe_frames, errors.rpe_pairs) == (frames, pairs)
+    assert errors.rpe_translation_m == pytest.approx(0.001)
+
+
+def test_the_rate_of_the_truth_does_not_matter_to_the_overlap():
+    whole = path(2000)  # at 10 Hz
+    for estimate, truth in ((taken(whole, slice(0, None, 20)), whole), (whole, taken(whole, slice(0, None, 20)))):
+        errors = evaluate_trajectory(estimate, truth)
+        assert (errors.matched, errors.warnings) == (100, ())
+        assert min(errors.covered, errors.truth_covered) > 0.98
+
+
+def test_a_part_of_a_path_is_said_to_be_one():
+    whole = path(200)
+    first, scattered = taken(whole, slice(0, 40)), np.arange(0, 200, 5)
+    for estimate, truth, said in (
+        (first, whole, "only 20 % of the true path is compared (40 of 200 poses)"),
+        (whole, first, "only 20 % of the estimated path is compared (40 of 200 poses)"),
+    ):
+        errors = evaluate_trajectory(estimate, truth)
+        assert errors.warnings == (f"{said}: the errors are those of a part",)
+    late = whole.stamp + 0.05
+    late[scattered] -= 0.05
+    errors = evaluate_trajectory(Trajectory(late, whole.T_world_camera), whole)
+    assert (errors.matched, len(errors.warnings)) == (40, 2)
+
+
+def test_next_to_no_overlap_is_an_error():
+    whole = path(200)
+    for estimate, truth, said in (
+        (whole, taken(whole, slice(0, 2)), "2 of 200 poses .*expected at least 3; stamps are"),
+        (whole, taken(whole, slice(190, None)), r"10 of 200 poses .*4\.5 % of the path, expected at least 5 %"),
+        (whole, Trajectory(whole.stamp + np.where(np.arange(200) % 40, 0.05, 0), whole.T_world_camera), "5 of 200"),
+    ):
+        with pytest.raises(InputError, match=said):
+            evaluate_trajectory(estimate, truth)
+
+
+def test_a_gap_of_an_age_is_no_frame():
+    whole = path(6)
+    stamps = np.array([0, 0.1, 0.2, 1e8, 1e8 + 0.1, 1e15])
+    errors = evaluate_trajectory(Trajectory(stamps, whole.T_world_camera), Trajectory(stamps, whole.T_world_camera))
+    assert (errors.rpe_frames, errors.rpe_pairs) == (1, 3)

@@ -127,15 +127,15 @@ WRONG = [
     ("euroc", "0.96, 0.0, -0.28", "0.96, 0.0, 0.28", "cam1.T_BS holds no rotation"),
     ("euroc", "  rows: 4", "  rows: 3", "cam0.T_BS has rows 3, cols 4 and 16 numbers in data"),
     ("euroc", "0.0, 0.0, 0.0, 1.0", "0.0, 0.0, 1.0, 1.0", "T_BS is .*expected 0 0 0 1 in the last row"),
-    ("euroc", "camera_model: pinhole", "camera_model: omni", "cam0.camera_model is 'omni', expected pinhole"),
-    ("euroc", "radial-tangential", "equidistant", "distortion_model is 'equidistant', expected radial-tangential"),
+    ("euroc", "camera_model: pinhole", "camera_model: omni", "camera_model is 'omni', expected pinhole .*: an omnidirectional model is not supported yet"),
+    ("euroc", "radial-tangential", "equidistant", "distortion_model is 'equidistant', expected pinhole .*: the fisheye .*equidistant. is not supported yet"),
     ("euroc", "sensor_type: camera", "sensor_type: imu", "sensor_type is 'imu', expected camera"),
     ("euroc", "[503.75, ", "[wide, ", "cam1/sensor.yaml: cam1.intrinsics\\[0\\] is 'wide', expected a number"),
     ("euroc", "[640, 480]", "[640]", "resolution has 1 numbers, expected 2"),
     ("euroc", "rate_hz: 20", "rate_hz: *a", "is not plain YAML: anchors and aliases are not allowed"),
-    ("kalibr", "camera_model: pinhole", "camera_model: eucm", "cam0.camera_model is 'eucm', expected pinhole"),
-    ("kalibr", "radtan", "equidistant", "cam0.distortion_model is 'equidistant', expected radtan"),
-    ("kalibr", "radtan", "fov", "cam0.distortion_model is 'fov', expected radtan"),
+    ("kalibr", "camera_model: pinhole", "camera_model: eucm", "cam0.camera_model is 'eucm', expected pinhole .*: a unified camera model is not"),
+    ("kalibr", "radtan", "equidistant", "cam0.distortion_model is 'equidistant', .* the fisheye .*is not supported yet"),
+    ("kalibr", "radtan", "fov", "cam0.distortion_model is 'fov', .*field-of-view .*is not supported yet"),
     ("kalibr", "radtan", "3", "cam0.distortion_model is 3, expected radtan"),
     ("kalibr", "T_cn_cnm1", "T_imu_cam", "lacks cam1.T_cn_cnm1, expected 16 numbers"),
     ("kalibr", "-0.125]", "0.125]", "by cam1.T_cn_cnm1 the right camera is at .*look swapped"),
@@ -158,7 +158,7 @@ WRONG = [
     ("opencv", "   dt: d", "   dt: 2d", "M1.dt is '2d', expected one of"),
     ("opencv", "R: !!opencv-matrix", "R: !!python/tuple", "extrinsics.yml: is not plain YAML: the tag"),
     ("opencv", "[ -1.25", "[ 1.25", "by R, T the right camera is at .*look swapped"),
-    ("opencv", "M1: !!", "fisheye_model: 1\nM1: !!", "fisheye_model is 1, expected 0"),
+    ("opencv", "M1: !!", "fisheye_model: 1\nM1: !!", "fisheye_model is 1, .*the fisheye model .*is not supported yet"),
     ("projections", "image_height: 376", "image_height: -376", "image_height is -376, expected a whole number"),
     ("projections", "-359.25, 0., 718.5", "-359.25, 3., 718.5", "P2\\[1,0\\] is 3.0, expected 0 of a camera matrix"),
     ("projections", "185.5, 0., 0., 0., 1.,\n", "185.5, -90., 0., 0., 1.,\n", "P2\\[1,3\\] is -90.0, expected 0"),
@@ -167,13 +167,13 @@ WRONG = [
     ("orbslam2", "Camera.fx: 718.5", "Camera.fx: -718.5", "Camera.fx is -718.5, expected a focal length"),
     ("orbslam2", "Camera.fx: 718.5", "Camera.fx: wide", "Camera.fx is 'wide', expected a number"),
     ("orbslam2", "Camera.bf: 359.25", "Camera.bf: -359.25", "Camera.bf / Camera.fx is -0.5, expected .*look swapped"),
-    ("orbslam2", "Camera.RGB: 1", "Camera.bFishEye: 1", "Camera.bFishEye is 1, expected 0"),
+    ("orbslam2", "Camera.RGB: 1", "Camera.bFishEye: 1", "Camera.bFishEye is 1, .*the fisheye model .*is not supported yet"),
     ("orbslam2", "Camera.bf:", "Camera.b:", "lacks Camera.bf"),
     ("orbslam2", "Camera.k1: 0.0", "Camera.k1: -0.3", "Camera.k1 is -0.3, expected k1 0 of a rectified pair"),
     ("orbslam2", "Camera.width: 1241", "Camera.width: 0", "Camera.width is 0, expected a whole number"),
     ("orbslam2", "Camera.fy:", "Camera.fx:", "the key Camera.fx is there twice in line"),
-    ("orbslam3", "PinHole", "KannalaBrandt8", "Camera.type is 'KannalaBrandt8', expected PinHole or Rectified"),
-    ("orbslam3", "PinHole", "EUCM", "Camera.type is 'EUCM', expected PinHole or Rectified"),
+    ("orbslam3", "PinHole", "KannalaBrandt8", "Camera.type is 'KannalaBrandt8', .*of Kannala and Brandt .*is not supported yet"),
+    ("orbslam3", "PinHole", "EUCM", "Camera.type is 'EUCM', .*unified camera model is not supported yet"),
     ("orbslam3", "PinHole", "Rectified", "Camera1.k1 is -0.3125, expected k1 0 of a rectified pair"),
     ("orbslam3", "Stereo.T_c1_c2", "Stereo.T_c2_c1", "lacks Stereo.T_c1_c2"),
     ("orbslam3", "0.12112", "-0.12112", "by inverse of Stereo.T_c1_c2 the right camera is at .*look swapped"),
@@ -559,3 +559,60 @@ def test_our_own_file_is_told_from_the_others(tmp_path: Path) -> None:
     assert single(tmp_path, OWN).cameras == RECTIFIED
     with pytest.raises(InputError, match="unknown key 'basline'; did you mean baseline"):
         single(tmp_path, OWN.replace("baseline", "basline"))
+
+
+FISHEYE = [
+    ("opencv", "M1: !!", "model: fisheye\nM1: !!", "model is 'fisheye'"),
+    ("opencv", "M1: !!", "calibration_model: KANNALA_BRANDT\nM1: !!", "calibration_model is 'KANNALA_BRANDT'"),
+    ("opencv", "M1: !!", "is_fisheye: true\nM1: !!", "is_fisheye is True"),
+    ("opencv", "M1: !!", "distortion_model: equidistant\nM1: !!", "distortion_model is 'equidistant'"),
+    ("opencv", "R: !!", "fisheye: 1\nR: !!", "extrinsics.yml: fisheye is 1"),
+    ("projections", "P1:", "lens: {projection: fish-eye}\nP1:", "lens.projection is 'fish-eye'"),
+    ("euroc", "radial-tangential", "kannala_brandt4", "distortion_model is 'kannala_brandt4'"),
+    ("kalibr", "radtan", "equi", "cam0.distortion_model is 'equi'"),
+    ("kalibr", "camera_model: pinhole", "camera_model: ds", "cam0.camera_model is 'ds'"),
+    ("orbslam2", "Camera.RGB: 1", 'Camera.type: "KannalaBrandt8"', "Camera.type is 'KannalaBrandt8'"),
+    ("prerectified", "LEFT.width", 'Camera.type: "Fisheye"\nLEFT.width', "Camera.type is 'Fisheye'"),
+    ("own", "fx: ", "model: equidistant\nfx: ", "model is 'equidistant'"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), FISHEYE)
+def test_a_lens_that_is_no_pinhole_is_named_in_every_format(
+    tmp_path: Path, name: str, old: str, new: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=f"{said}, expected pinhole .* is not supported yet") as caught:
+        read(tmp_path, changed(SAMPLES[name], old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_right_camera_s_lens_is_named_as_well(tmp_path: Path) -> None:
+    path = SAMPLES["euroc"].write(tmp_path)
+    right = path.parent.parent / "cam1" / "sensor.yaml"
+    right.write_text(right.read_text().replace("radial-tangential", "equidistant"))
+    with pytest.raises(InputError, match=r"cam1\.distortion_model is 'equidistant', expected pinhole"):
+        read_calibration(path)
+
+
+def test_a_file_of_a_fisheye_camera_alone_is_named_by_its_lens(tmp_path: Path) -> None:
+    text = "%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: left\nprojection_parameters: {k2: 0.1, mu: 400}\n"
+    with pytest.raises(InputError, match=r"model_type is 'KANNALA_BRANDT', .*fisheye model of Kannala and Brandt"):
+        single(tmp_path, text)
+
+
+@EVERY
+@pytest.mark.parametrize("above", ["# mine\n", "\n\n", "  # one\n\n# two\n"])
+def test_comments_and_blank_lines_may_stand_above_the_header(tmp_path: Path, name: str, above: str) -> None:
+    sample = SAMPLES[name]
+    found = read(tmp_path, replace(sample, files={key: above + text for key, text in sample.files.items()}))
+    assert same(found.cameras, sample.cameras)
+
+
+def test_four_coefficients_without_a_lens_model_are_remarked_on(tmp_path: Path) -> None:
+    sample = SAMPLES["opencv"]
+    text = sample.files["intrinsics.yml"]
+    four = text.replace("cols: 14", "cols: 4").replace(", 0., 0., 0., 0.,\n       0., 0., 0., 0., 0., 0. ]", " ]")
+    found = read(tmp_path, replace(sample, files=sample.files | {"intrinsics.yml": four}))
+    assert same(found.cameras, sample.cameras)
+    assert any("4 coefficients and no lens model is named" in line for line in found.remarks)
+    assert not any("4 coefficients" in line for line in read(tmp_path, sample).remarks)

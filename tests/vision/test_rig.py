@@ -142,3 +142,14 @@ def test_huge_images_are_refused(plain_rig: Rig, monkeypatch: pytest.MonkeyPatch
     monkeypatch.undo()
     with pytest.raises(InputError, match="at most"):
         check_pair(StereoPair(wide, wide, plain_rig))
+
+
+def test_calibrations_in_other_units_are_doubted() -> None:
+    metres = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.193, width=640, height=480)
+    assert geometry.doubts(metres) == []
+    assert geometry.doubts(replace(metres, fx=80.0, fy=80.0)) == []  # 152 degrees
+    (mm,) = geometry.doubts(replace(metres, baseline=193.0))
+    assert "the baseline is 193 m: is it in millimetres?" in mm
+    for focal in (4.0, 0.78):  # mm on the sensor; a share of the width
+        (line,) = geometry.doubts(replace(metres, fx=focal, fy=focal))
+        assert f"fx is {focal:g} px, for 640 px of the image: is it in millimetres, or a share of them?" in line

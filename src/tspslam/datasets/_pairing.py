@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
+from .._files import PathLike, bad_input, one_line, reason_of
+from .._text import read_text
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
@@ -110,11 +111,7 @@ def rows_by_number(
 
 
 def _lines(path: Path, expected: str) -> list[str]:
-    try:
-        lines = read_bytes(path, expected, _LARGEST_TEXT).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise bad_input(path, f"is no text ({error.reason} at byte {error.start})", expected) from error
-    return [line.strip() for line in lines]
+    return [line.strip() for line in read_text(path, expected, _LARGEST_TEXT).split("\n")]
 
 
 def _rows(path: Path, lines: Sequence[str], expected: str, separator: str | None, counts: Sequence[int]) -> list[Row]:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import PathLike, bad_input, read_bytes
+from .._files import PathLike, bad_input
+from .._text import read_text
 from ..errors import InputError
 from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.formats._source import Source
@@ -215,8 +216,7 @@ def _calibration(path: Path, is_raw: bool) -> Source:
     if is_raw:
         name = "calib_cam_to_cam.txt"
         place = next((at for at in (path / name, path.resolve().parent / name) if os.path.exists(at)), path / name)
-    text = read_bytes(place, _CALIBRATION, _LARGEST_CALIBRATION).decode("utf-8-sig", "replace")
-    return parse_kitti(text, place)
+    return parse_kitti(read_text(place, _CALIBRATION, _LARGEST_CALIBRATION), place)
 
 
 def _cameras_of(named: Source, size: tuple[int, int], source: Source) -> Rig | RawRig:

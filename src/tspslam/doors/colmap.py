@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import PathLike, bad_input, open_input
+from .._files import PathLike, bad_input
+from .._text import Line, numbers, read_lines, separators_of
 from ..errors import InputError
 from ..topology.complex import build_complex
 from ..topology.surface import delaunay_surface
@@ -17,6 +17,7 @@ from ..types import Cloud, FloatArray, Image
 from .meshes import Textured
 
 _EXPECTED = "COLMAP's text model: cameras.txt, images.txt, points3D.txt"
+_LARGEST_ID = 1 << 53  # of a point: larger ones are no whole numbers as floats
 _TO_CENTRE = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5), ours at (0, 0)
 
 
@@ -68,58 +69,59 @@ def from_colmap(folder: PathLike, name: str, image: Image, *, max_depth_ratio: f
     return Textured(cloud, surface, complex_, sample_signals(image, cloud.uv, complex_))
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and words of each line that is no comment; empty lines stay, they mean something in images.txt."""
-    with open_input(path, _EXPECTED) as handle:
-        for number, line in enumerate(handle, start=1):
-            text = line.decode("utf-8", "replace").strip()
-            if not text.startswith("#"):
-                yield number, text.split()
-
-
-def _numbers(path: Path, number: int, words: list[str], count: int) -> FloatArray:
-    try:
-        values = np.array(words, np.float64)
-    except ValueError as error:
-        raise bad_input(path, f"line {number} holds something that is no number", _EXPECTED) from error
-    if len(values) < count or not np.isfinite(values).all():
-        raise bad_input(path, f"line {number} has {len(values)} numbers or some that are not finite", _EXPECTED)
+def _numbers(path: Path, line: Line, words: list[str], count: int) -> FloatArray:
+    values = np.array(numbers(path, line, words, _EXPECTED), np.float64)
+    if len(values) < count:
+        raise bad_input(path, f"line {line[0]} has {len(values)} numbers, where {count} go", _EXPECTED)
+    if not np.isfinite(values).all():
+        raise bad_input(path, f"line {line[0]} has a number that is not finite", _EXPECTED)
     return values
 
 
 def _observations(path: Path, name: str) -> tuple[FloatArray, str, FloatArray, NDArray[np.int64]]:
     """Pose (3, 4), world to camera; camera; observed pixels (N, 2) and the points (N,) that they show."""
-    lines = _lines(path)
-    for number, words in lines:
+    lines = read_lines(path, _EXPECTED)
+    for line in lines:
+        words = line[1].split(maxsplit=9)
         if len(words) < 10:
             if words:
-                raise bad_input(path, f"line {number} has {len(words)} words", _EXPECTED)
+                said = f"line {line[0]} has {len(words)} words{separators_of(line[1])}"
+                raise bad_input(path, said, _EXPECTED)
             continue
-        _, observed = next(lines, (0, []))
-        if " ".join(words[9:]) != name:
-            continue
-        values = _numbers(path, number + 1, observed, 0)
-        if len(values) % 3:
-            raise bad_input(path, f"line {number + 1} has {len(values)} numbers, not three a point", _EXPECTED)
-        triples = values.reshape(-1, 3)
-        triples = triples[triples[:, 2] >= 0]
-        return _pose(path, number, words), words[8], triples[:, :2], triples[:, 2].astype(np.int64)
+        observed = next(lines, (line[0] + 1, ""))  # empty for an image that observes nothing
+        if words[9] == name:
+            return _pose(path, line, words), words[8], *_observed(path, observed)
     raise bad_input(path, f"has no image {name!r}", "the name of one of its images")
 
 
-def _pose(path: Path, number: int, words: list[str]) -> FloatArray:
+def _observed(path: Path, line: Line) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Pixels (N, 2) and points (N,) of a line ``u v id u v id ...``, without those that show no point."""
+    values = _numbers(path, line, line[1].split(), 0)
+    if len(values) % 3:
+        raise bad_input(path, f"line {line[0]} has {len(values)} numbers, not three a point", _EXPECTED)
+    triples = values.reshape(-1, 3)
+    triples = triples[triples[:, 2] >= 0]
+    ids = triples[:, 2]
+    bad = ids[(ids != np.rint(ids)) | (ids > _LARGEST_ID)]
+    if len(bad):
+        raise bad_input(path, f"line {line[0]} names the point {bad[0]:.17g}", f"a whole number, at most {_LARGEST_ID}")
+    return triples[:, :2], ids.astype(np.int64)
+
+
+def _pose(path: Path, line: Line, words: list[str]) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
-    w, x, y, z, *t = _numbers(path, number, words[1:8], 7)
+    w, x, y, z, *t = _numbers(path, line, words[1:8], 7)
     if not np.hypot(np.hypot(w, x), np.hypot(y, z)) > 0:
-        raise bad_input(path, f"line {number} has a quaternion of 0", _EXPECTED)
+        raise bad_input(path, f"line {line[0]} has a quaternion of 0", _EXPECTED)
     return np.column_stack([Rotation.from_quat([x, y, z, w]).as_matrix(), t])
 
 
 def _focal_length(path: Path, camera: str, image: Image) -> float:
-    for number, words in _lines(path):
+    for line in read_lines(path, _EXPECTED):
+        words = line[1].split()
         if words and words[0] == camera:
-            width, height, focal = _numbers(path, number, words[2:], 3)[:3]
+            width, height, focal = _numbers(path, line, words[2:], 3)[:3]
             if np.shape(image)[:2] != (height, width):
                 wanted = f"the camera's {height:g} x {width:g}"
                 raise InputError(f"image has shape {np.shape(image)}, expected {wanted} of {path}")
@@ -130,7 +132,14 @@ def _focal_length(path: Path, camera: str, image: Image) -> float:
 def _points(path: Path, wanted: set[int]) -> dict[int, FloatArray]:
     """Positions of the wanted points."""
     found = {}
-    for number, words in _lines(path):
-        if words and words[0].isdigit() and int(words[0]) in wanted:
-            found[int(words[0])] = _numbers(path, number, words[1:4], 3)
+    for line in read_lines(path, _EXPECTED):
+        words = line[1].split(maxsplit=4)
+        if words and (point := _id(path, line, words[0])) in wanted:
+            found[point] = _numbers(path, line, words[1:4], 3)
     return found
+
+
+def _id(path: Path, line: Line, word: str) -> int:
+    if not (word.isascii() and word.isdecimal() and len(word) <= 20):
+        raise bad_input(path, f"line {line[0]} begins with {word[:40]!r}", "the number of a point")
+    return int(word)

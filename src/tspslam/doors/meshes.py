@@ -18,6 +18,7 @@ from ..vision.formats import read_rectified
 from ..vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
+_LEAST_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths beyond are hardly metres
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,10 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
     uv = visible_uv(rig, points, triangles if len(triangles) else None)
     signals = sample_signals(image, uv, complex_)
     if not signals.vertex_ok.any():
-        raise InputError(f"none of {len(points)} vertices falls into the image, expected the camera's frame, metres")
+        behind = " (all are behind the camera: z points forward)" if (points[:, 2] <= 0).all() else ""
+        raise InputError(
+            f"none of {len(points)} vertices falls into the image{behind}, expected the camera's frame, metres"
+        )
     depth = np.where(np.isnan(uv[:, 0]) | (points[:, 2] < _NEAREST), np.nan, points[:, 2])
     cloud = Cloud(points, uv, rig.fx * rig.baseline / depth - rig.doffs)
     is_same = len(triangles) == len(complex_.faces)
@@ -152,6 +156,48 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike) -> Texture
         return from_arrays(xyz, faces, pixels, rig)
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
+
+
+def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
+    """What looks wrong with a mesh before a camera though it can be computed with: a line each.
+
+    Parameters
+    ----------
+    textured : Textured
+        As `from_arrays` makes it.
+    rig : Rig
+        The camera.
+
+    Returns
+    -------
+    list of str
+        Of vertices on both sides of the camera; of depths at which what is seen would have a disparity of under 0.25 px
+        in the median, or of more than the image's width, for the rig's baseline.
+
+    Examples
+    --------
+    >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, baseline=0.1, width=40, height=30)
+    >>> mm = 1000 * np.array([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]])
+    >>> doubts_of_mesh(from_arrays(mm, [[0, 1, 2]], np.zeros((30, 40)), camera), camera)
+    ['the mesh is 5000 m away in the median, a disparity of 0.001 px: is it in millimetres? Expected metres']
+    """
+    z = textured.cloud.xyz[:, 2]
+    found = []
+    behind = int((z[np.unique(textured.complex_.faces)] <= 0).sum())
+    if behind:
+        found.append(
+            f"{behind} of the mesh's vertices are behind the camera (z <= 0), {int((z > 0).sum())} before it: a mesh "
+            "around the camera, or in another frame than its own (x right, y down, z forward); faces across it hide "
+            "nothing"
+        )
+    depth = float(np.median(z[textured.signals.vertex_ok]))
+    disparity = rig.fx * rig.baseline / depth
+    away = f"the mesh is {depth:.6g} m away in the median, a disparity of {disparity:.3g} px"
+    if disparity < _LEAST_DISPARITY:
+        found.append(f"{away}: is it in millimetres? Expected metres")
+    elif disparity > rig.width:
+        found.append(f"{away}, more than the image is wide: is it in another unit? Expected metres")
+    return found
 
 
 def _check_distance(xyz: FloatArray) -> None:

@@ -4,7 +4,7 @@ from .._atomic import atomic_write, write_bytes
 from .frames import FrameLike, StoredFrame, read_frame, write_frame
 from .images import image_size, read_image, write_png
 from .manifest import Unit
-from .mesh import read_mesh
+from .mesh import merge_corners, read_mesh
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
 from .trajectory import read_trajectory, write_kitti, write_tum
@@ -19,6 +19,7 @@ __all__ = [
     "VtuMesh",
     "atomic_write",
     "image_size",
+    "merge_corners",
     "read_frame",
     "read_image",
     "read_mesh",

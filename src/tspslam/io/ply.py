@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._atomic import write_bytes
 from .._files import PathLike, bad_input, read_bytes
+from .._text import unmarked
 from ..errors import InputError
 from ..types import FloatArray
 from ._ply_body import corners_of, read_elements
 from ._ply_header import Element, parse_header
 
 _EXPECTED = "a PLY file of points and triangles"
+_HEAD = 1 << 12  # bytes in which the format of a file is told
 _WORDS = {
     "i1": "char",
     "u1": "uchar",
@@ -196,7 +198,7 @@ def read_ply(path: PathLike) -> PlyMesh:
     ...     read_ply(f"{folder}/a.ply").xyz.shape
     (3, 3)
     """
-    data = read_bytes(path, _EXPECTED)
+    data = _plain_lines(unmarked(read_bytes(path, _EXPECTED)))
     try:
         header = parse_header(data)
         tables = read_elements(data, header)
@@ -209,6 +211,12 @@ def read_ply(path: PathLike) -> PlyMesh:
         raise bad_input(path, str(error), _EXPECTED) from error
     except MemoryError as error:
         raise bad_input(path, "is larger than the memory", _EXPECTED) from error
+
+
+def _plain_lines(data: bytes) -> bytes:
+    """Return a text file whose lines end with CR alone with LF instead; a binary one as it is."""
+    is_old = data.startswith(b"ply\r") and not data.startswith(b"ply\r\n") and b"\rformat ascii" in data[:_HEAD]
+    return data.replace(b"\r", b"\n") if is_old else data
 
 
 def _positions(columns: dict[str, NDArray[Any]]) -> FloatArray:

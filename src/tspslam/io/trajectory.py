@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._atomic import write_bytes
-from .._files import PathLike, bad_input, read_bytes
+from .._files import PathLike, bad_input
+from .._text import numbers, read_lines, split
 from ..types import FloatArray, Trajectory
 
 _ORTHONORMAL = 1e-6
 _ROTATION = 1e-2  # of a written one: KITTI's have six digits
 _LARGEST_TEXT = 1 << 28  # bytes
+_TUM, _KITTI = 8, 12  # values in a line
 _FORMS = "lines of 8 numbers (TUM: stamp tx ty tz qx qy qz qw) or of 12 (KITTI: three rows of a pose)"
 
 
@@ -84,18 +86,20 @@ def read_trajectory(path: PathLike) -> Trajectory:
     Parameters
     ----------
     path : str or path
-        Text; blank lines and those that begin with # are passed over. Rotations are made exact.
+        Text, in UTF-8 or with a byte-order mark; lines that begin with # or % are passed over, and in TUM's form blank
+        ones. Rotations are made exact.
 
     Returns
     -------
     Trajectory
-        In the order of the file.
+        In the order of the file. A pose that the file leaves unknown is NaN: a row that holds NaN, and in KITTI's
+        form a blank line before the last, which stands for a frame as any other.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has another number of values in a line, a value that is not finite, a quaternion
-        that is not of length 1 or a matrix that is no rotation (to 1e-2), or stamps that do not increase.
+        If the file cannot be read, has another number of values in a line, an infinite value, no pose that is known,
+        a quaternion that is not of length 1 or a matrix that is no rotation (to 1e-2), or stamps that do not increase.
 
     Examples
     --------
@@ -105,16 +109,16 @@ def read_trajectory(path: PathLike) -> Trajectory:
     ...     read_trajectory(f"{folder}/a.tum").stamp.tolist()
     [0.5, 0.6]
     """
-    table = _table(path)
-    if table.shape[1] == 12:
-        return Trajectory(np.arange(len(table), dtype=np.float64), _rigid(path, table.reshape(-1, 3, 4)))
-    if (np.diff(table[:, 0]) <= 0).any():
-        k = int(np.argmax(np.diff(table[:, 0]) <= 0))
-        raise bad_input(path, f"stamp {k + 2} is {table[k + 1, 0]:.9f}, that before it {table[k, 0]:.9f}", "a rise")
+    lines, table = _table(path)
+    if table.shape[1] == _KITTI:
+        return Trajectory(np.arange(len(table), dtype=np.float64), _poses(path, lines, table.reshape(-1, 3, 4)))
+    _check_stamps(path, lines, table[:, 0])
     x, y, z, w = table[:, 4:].T
-    off = np.abs(np.sqrt(x * x + y * y + z * z + w * w) - 1)
-    if (off > _ROTATION).any():
-        raise bad_input(path, f"the quaternion of pose {int(np.argmax(off > _ROTATION)) + 1} is not of length 1", "1")
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    wrong = np.abs(length - 1) > _ROTATION
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise bad_input(path, f"line {lines[k]} has a quaternion that is not of length 1, but {length[k]:.6g}", "1")
     R = np.array(
         [
             [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -122,7 +126,7 @@ def read_trajectory(path: PathLike) -> Trajectory:
             [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
         ]
     ).transpose(2, 0, 1)
-    return Trajectory(table[:, 0], _rigid(path, np.concatenate([R, table[:, 1:4, None]], axis=2)))
+    return Trajectory(table[:, 0], _poses(path, lines, np.concatenate([R, table[:, 1:4, None]], axis=2)))
 
 
 def has_stamps(path: PathLike) -> bool:
@@ -137,35 +141,69 @@ def has_stamps(path: PathLike) -> bool:
     -------
     bool
     """
-    return _table(path).shape[1] == 8
+    return _table(path)[1].shape[1] == _TUM
 
 
-def _table(path: PathLike) -> FloatArray:
-    """Numbers of a text file, (n, 8) or (n, 12)."""
-    text = read_bytes(path, _FORMS, _LARGEST_TEXT).decode("utf-8-sig", "replace")
-    rows = [(k, line.split()) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    count = len(rows[0][1]) if rows else 0
-    for number, words in rows:
-        if len(words) != count or count not in (8, 12):
-            raise bad_input(path, f"line {number} has {len(words)} values", _FORMS)
-    try:
-        table = np.array([words for _, words in rows], np.float64)
-    except ValueError as error:
-        raise bad_input(path, f"holds a value that is no number ({error})", _FORMS) from error
-    if not len(table) or not np.isfinite(table).all():
-        raise bad_input(path, "has no line, or a value that is not finite", _FORMS)
-    return table
+def _table(path: PathLike) -> tuple[list[int], FloatArray]:
+    """Numbers of the lines of a text file, and their values, (n, 8) or (n, 12): NaN all through where one is."""
+    rows: list[list[float]] = []
+    at: list[int] = []
+    blank: list[int] = []
+    for line in read_lines(path, _FORMS, _LARGEST_TEXT):
+        if not line[1]:
+            blank.append(line[0])
+            continue
+        count = len(rows[0]) if rows else 0
+        rows.append(numbers(path, line, split(path, line, _FORMS, (count or _TUM, count or _KITTI)), _FORMS))
+        at.append(line[0])
+    if not rows:
+        raise bad_input(path, "has no line of values", _FORMS)
+    return _checked_table(path, at, np.array(rows), blank)
 
 
-def _rigid(path: PathLike, rows: FloatArray) -> FloatArray:
-    """(n, 4, 4) motions of (n, 3, 4) rows, their rotations made exact."""
-    U, size, Vt = np.linalg.svd(rows[:, :, :3])
-    off = np.abs(size - 1).max(axis=1)
-    bad = np.flatnonzero((off > _ROTATION) | (np.linalg.det(rows[:, :, :3]) < 0))
+def _checked_table(
+    path: PathLike, lines: list[int], table: FloatArray, blank: list[int]
+) -> tuple[list[int], FloatArray]:
+    """Refuse what is infinite or all unknown; in KITTI's form blank lines become rows."""
+    has_stamp = table.shape[1] == _TUM
+    bad = np.flatnonzero(np.isinf(table).any(axis=1) | (np.isnan(table[:, 0]) & has_stamp))
     if bad.size:
-        raise bad_input(path, f"pose {bad[0] + 1} holds no rotation (off by {off[bad[0]]:.2g})", "one to 1e-2")
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = U @ Vt, rows[:, :, 3]
+        raise bad_input(path, f"line {lines[bad[0]]} has a value that is not finite", _FORMS)
+    unknown = np.isnan(table).any(axis=1)
+    if unknown.all():
+        raise bad_input(
+            path, f"has no pose that is known: a value of each line is not finite ({len(table)} x NaN)", _FORMS
+        )
+    table[unknown, int(has_stamp) :] = np.nan
+    if has_stamp:
+        return lines, table
+    # Line k is for frame k: a blank one is a frame of which nothing is known, unless nothing follows it.
+    inner = [number for number in blank if number < lines[-1]]
+    order = np.argsort([*lines, *inner], kind="stable")
+    whole = np.concatenate([table, np.full((len(inner), _KITTI), np.nan)])
+    return [[*lines, *inner][k] for k in order], whole[order]
+
+
+def _check_stamps(path: PathLike, lines: list[int], stamps: FloatArray) -> None:
+    falls = np.diff(stamps) <= 0
+    if falls.any():
+        k = int(np.argmax(falls))
+        said = f"line {lines[k + 1]}: stamp {k + 2} is {stamps[k + 1]:.9f}, that before it {stamps[k]:.9f}"
+        raise bad_input(path, said, "a rise")
+
+
+def _poses(path: PathLike, lines: list[int], rows: FloatArray) -> FloatArray:
+    """(n, 4, 4) motions of (n, 3, 4) rows, their rotations made exact; NaN where a row is."""
+    known = np.flatnonzero(~np.isnan(rows[:, 0, 0]))
+    U, size, Vt = np.linalg.svd(rows[known, :, :3])
+    off = np.abs(size - 1).max(axis=1)
+    bad = np.flatnonzero((off > _ROTATION) | (np.linalg.det(rows[known, :, :3]) < 0))
+    if bad.size:
+        said = f"line {lines[known[bad[0]]]} holds no rotation (off by {off[bad[0]]:.2g})"
+        raise bad_input(path, said, "one to 1e-2")
+    poses = np.full((len(rows), 4, 4), np.nan)
+    poses[known] = np.eye(4)
+    poses[known, :3, :3], poses[known, :3, 3] = U @ Vt, rows[known, :, 3]
     return poses
 
 

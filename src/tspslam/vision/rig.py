@@ -15,6 +15,7 @@ from .calibration import save_cameras as save_cameras
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
 _WIDEST_BASELINE = 5.0  # m, of a pair that a person or a car carries
+_SHORTEST_FOCAL = 0.1  # of a side of the image: a field of view of 157 degrees, which no pinhole lens has
 LEAST_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
 _FARTHEST = 1e9  # px
 _DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
@@ -181,6 +182,12 @@ def doubts(rig: Rig) -> list[str]:
         found.append(
             f"the baseline is {rig.baseline:g} m: is it in millimetres? All depths would be 1000 times too large"
         )
+    for name, focal, side in (("fx", rig.fx, rig.width), ("fy", rig.fy, rig.height)):
+        if focal < _SHORTEST_FOCAL * side:
+            found.append(
+                f"{name} is {focal:g} px, for {side} px of the image: is it in millimetres, or a share of them?"
+            )
+            break
     if not (0 <= rig.cx < rig.width and 0 <= rig.cy < rig.height):
         found.append(f"the principal point ({rig.cx:g}, {rig.cy:g}) px lies outside of {rig.width} x {rig.height} px")
     return found

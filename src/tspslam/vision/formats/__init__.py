@@ -8,10 +8,13 @@ from numbers import Integral
 from typing import Any
 
 from ..._files import PathLike, bad_input
+from ..._text import read_text
+from ..._yaml import LARGEST_FILE
 from ...errors import InputError
 from ...types import RawRig, Rig
 from ._calibration import Calibration as Calibration
-from ._opencv_yaml import parse_mapping, read_text
+from ._lens import check_lens
+from ._opencv_yaml import parse_mapping
 from ._own import is_own, read_own
 from ._size import Size
 from ._source import Source
@@ -55,7 +58,7 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     ------
     InputError
         If the file cannot be read, is of no known kind, lacks a value or has one that is no number in its range, or
-        describes lenses other than a pinhole with k1, k2, p1, p2, k3.
+        describes lenses other than a pinhole with k1, k2, p1, p2, k3 (a fisheye lens, say, which is named).
 
     Examples
     --------
@@ -71,10 +74,11 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     pixels = _checked_size(size)
     if os.path.isdir(path):
         path = left_file(path)
-    text = read_text(path, _EXPECTED)
+    text = read_text(path, _EXPECTED, LARGEST_FILE)
     if is_kitti(text):
         return read_kitti(parse_kitti(text, path), pixels)
     source = Source(path, parse_mapping(text, path, _EXPECTED))
+    check_lens(source)
     for is_one, read in _YAML:
         if is_one(source):
             return read(source, pixels)

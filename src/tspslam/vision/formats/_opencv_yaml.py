@@ -7,11 +7,11 @@ from typing import Any
 
 import yaml
 
-from ..._files import PathLike, bad_input, one_line, read_bytes
-from ..._yaml import LARGEST_FILE, PlainLoader
+from ..._files import PathLike, bad_input, one_line
+from ..._text import read_text
+from ..._yaml import LARGEST_FILE, PlainLoader, without_header
 
 MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
-_HEADER = re.compile(r"%YAML[: ][ \t]*1\.[0-9][^\n]*")  # with the colon it is no directive that YAML knows
 # OpenCV needs no blank after a colon; ORB-SLAM2's own settings have none before a list.
 _TIGHT = re.compile(r"^([ ]*[A-Za-z_][\w.]*):(?=[-+.0-9\[{\"!])", re.ASCII | re.MULTILINE)
 
@@ -24,14 +24,6 @@ class _OpenCvLoader(PlainLoader):
         if isinstance(event, yaml.MappingStartEvent) and event.tag == MATRIX_TAG:
             event.tag = None
         return super().compose_node(parent, index)
-
-
-def read_text(path: PathLike, expected: str) -> str:
-    """Return the text of a file of at most 1 MiB."""
-    try:
-        return read_bytes(path, expected, LARGEST_FILE).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise bad_input(path, f"is no text ({error.reason} at byte {error.start})", expected) from error
 
 
 def parse_opencv_yaml(text: str, path: PathLike, expected: str) -> Any:
@@ -48,12 +40,13 @@ def parse_opencv_yaml(text: str, path: PathLike, expected: str) -> Any:
 
 
 def _as_yaml(text: str) -> str:
-    return _TIGHT.sub(r"\1: ", _HEADER.sub("#", text, count=1)) if _HEADER.match(text) else text
+    plain = without_header(text)
+    return plain if plain == text else _TIGHT.sub(r"\1: ", plain)
 
 
 def read_mapping(path: PathLike, expected: str) -> dict[Any, Any]:
     """Return the mapping that a file of OpenCV's or plain YAML holds."""
-    return parse_mapping(read_text(path, expected), path, expected)
+    return parse_mapping(read_text(path, expected, LARGEST_FILE), path, expected)
 
 
 def parse_mapping(text: str, path: PathLike, expected: str) -> dict[Any, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..._files import PathLike, bad_input
 from ._calibration import Calibration, raw
+from ._lens import check_lens
 from ._opencv_yaml import read_mapping
 from ._pose import inverse, pose
 from ._size import Size, agreed_size, size_from_list
@@ -71,6 +72,7 @@ def read_euroc(source: Source, size: Size | None = None) -> Calibration:
     """
     path = _right_file(source.path)
     right = Source(path, read_mapping(path, "the sensor.yaml of the right camera"), "cam1.")
+    check_lens(right)
     left = Source(source.path, source.values, "cam0.")
     sides = _side(left), _side(right)
     agreed_size(left, sides[0], size)

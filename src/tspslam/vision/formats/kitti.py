@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..._files import PathLike, bad_input
+from ..._text import is_comment, separators_of
 from ._calibration import Calibration, Remarks, raw, rectified
 from ._pose import motion, rotation
 from ._size import Size, agreed_size, size_from_list
@@ -17,6 +18,7 @@ from ._values import Found, distortion, from_camera_matrix, from_projections
 _ODOMETRY_LINE = re.compile(r"^[ \t]*P[0-3]:[ \t]*[-+.0-9]", re.MULTILINE)
 _RAW_LINE = re.compile(r"^[ \t]*[SKDRTP]_(?:rect_)?0[0-9]:", re.MULTILINE)
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_OTHERWISE_SEPARATED = re.compile(r"(?=.*[,;])[-+.0-9eE,;\s]+")
 _IDENTITY = 1e-6
 
 
@@ -29,13 +31,28 @@ def parse_kitti(text: str, path: PathLike) -> Source:
     """Return the lines ``name: numbers`` of a file; nameless lines of twelve numbers are P0, P1 and so on."""
     values: dict[Any, Any] = {}
     nameless = _is_nameless(text)
-    for k, line in enumerate(filter(str.strip, text.splitlines())):
+    for k, (number, line) in enumerate(_lines(text)):
         name, colon, rest = (f"P{k}", ":", line) if nameless else line.partition(":")
-        if not colon or name.strip() in values:
-            wrong = f"the key {name.strip()[:40]} is there twice" if colon else f"holds the line {line.strip()[:40]!r}"
-            raise bad_input(path, wrong, "lines of a name, a colon and numbers, each name once")
+        wrong = _wrong(name.strip(), colon, rest, values)
+        if wrong:
+            raise bad_input(path, f"line {number}: {wrong}", "lines of a name, a colon and numbers, each name once")
         values[name.strip()] = [_number(word) for word in rest.split()]
     return Source(path, values | ({"nameless": True} if nameless else {}))
+
+
+def _lines(text: str) -> list[tuple[int, str]]:
+    """Lines that say something, with their numbers from 1."""
+    said = ((number, line.strip()) for number, line in enumerate(text.split("\n"), 1))
+    return [(number, line) for number, line in said if line and not is_comment(line)]
+
+
+def _wrong(name: str, colon: str, rest: str, earlier: dict[Any, Any]) -> str:
+    """What is wrong with a line, if anything is."""
+    if not colon:
+        return f"holds the line {name[:40]!r}"
+    if name in earlier:
+        return f"the key {name[:40]} is there twice"
+    return f"{name[:40]} has values{separators_of(rest)}" if _OTHERWISE_SEPARATED.fullmatch(rest.strip()) else ""
 
 
 def read_kitti(source: Source, size: Size | None = None) -> Calibration:
@@ -138,7 +155,7 @@ def _pixels(found: Found) -> tuple[float, float]:
 
 
 def _is_nameless(text: str) -> bool:
-    lines = [line.split() for line in text[: 1 << 14].splitlines() if line.strip()]
+    lines = [line.split() for _, line in _lines(text[: 1 << 14])]
     return 2 <= len(lines) <= 4 and all(len(words) == 12 and all(map(_NUMBER.fullmatch, words)) for words in lines)
 
 

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from ._calibration import Calibration, raw, rectified
+from ._lens import check_lens
 from ._opencv_yaml import read_mapping
 from ._pose import motion, rotation
 from ._size import Size, agreed_size, size_from_keys, size_from_list
@@ -61,8 +62,6 @@ def read_opencv(source: Source, size: Size | None = None) -> Calibration:
     0.1
     """
     lenses, turn = _pair(source)
-    for each in (lenses, turn):
-        _check_model(each)
     own = _image_size(lenses) or _image_size(turn)
     if _names(lenses) is None and ("P1" in source or "P2" in source) and not ("R" in source or "T" in source):
         found = from_projections(source, "P1", "P2")
@@ -73,7 +72,7 @@ def read_opencv(source: Source, size: Size | None = None) -> Calibration:
     one, two = (from_camera_matrix(lenses, K) | distortion(lenses, D, *OPENCV_COUNTS) for K, D in ((K1, D1), (K2, D2)))
     pixels = agreed_size(source, own, size)
     T_right_left = motion(rotation(turn, "R"), turn.vector("T", 3))
-    remarks = _unit(float(sum(T_right_left[:3, 3] ** 2) ** 0.5), "T")
+    remarks = (*_unit(float(sum(T_right_left[:3, 3] ** 2) ** 0.5), "T"), *_four(lenses, D1, one))
     return raw(source, (one | pixels, two | pixels), (T_right_left, "R, T"), KIND, remarks)
 
 
@@ -92,6 +91,7 @@ def _pair(source: Source) -> tuple[Source, Source]:
         where = f"or in {path.name}" if path else "or in extrinsics.yml beside intrinsics.yml"
         raise source.error(f"lacks {lacking}, expected them in it {where}")
     other = Source(path, read_mapping(path, "the other half of a calibration of OpenCV"))
+    check_lens(other)
     return (source, other) if has_lenses else (other, source)
 
 
@@ -101,11 +101,6 @@ def _beside(source: Source) -> Path | None:
     swap = {"in": "ex", "ex": "in", "In": "Ex", "Ex": "In"}
     name = re.sub("(in|ex|In|Ex)(?=trinsic)", lambda found: swap[found[0]], path.name)
     return None if name == path.name else path.with_name(name)
-
-
-def _check_model(source: Source) -> None:
-    if source.values.get("fisheye_model", 0) not in (0, False):
-        raise source.wrong("fisheye_model", source.values["fisheye_model"], "0: only Brown's k1, k2, p1, p2, k3")
 
 
 def _image_size(source: Source) -> Found | None:
@@ -118,3 +113,11 @@ def _image_size(source: Source) -> Found | None:
 def _unit(baseline: float, key: str) -> tuple[str, ...]:
     hint = f"; {baseline:g} m looks like mm" if baseline > _LONG else ""
     return (f"{key} names no unit and is taken as metres{hint}",)
+
+
+def _four(source: Source, key: str, lens: Found) -> tuple[str, ...]:
+    """What to know of four coefficients: a lens model that is not named can be either."""
+    if "k3" in lens or not any(lens[name][0] for name in ("k1", "k2", "p1", "p2")):
+        return ()
+    said = f"{source.label(key)} has 4 coefficients and no lens model is named: they are read as k1, k2, p1, p2"
+    return (f"{said}; those of a fisheye lens (cv2.fisheye) would be read wrongly",)

@@ -63,8 +63,6 @@ def _model(source: Source) -> str:
     kind = source.text("Camera.type", _PINHOLE) if "Camera.type" in source else _PINHOLE
     if kind not in (_PINHOLE, _RECTIFIED):
         raise source.wrong("Camera.type", kind, f"{_PINHOLE} or {_RECTIFIED}")
-    if source.values.get("Camera.bFishEye", 0) not in (0, False):
-        raise source.wrong("Camera.bFishEye", source.values["Camera.bFishEye"], "0: a pinhole camera")
     return kind
 
 
