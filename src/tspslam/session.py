@@ -11,6 +11,7 @@ from functools import cached_property, wraps
 from threading import RLock
 from typing import Any, TypeVar
 
+from ._checks import require, require_stage
 from .errors import InputError
 from .topology.complex import Complex, build_complex
 from .topology.harmonic import Tmahf
@@ -21,8 +22,10 @@ from .vision.matching import RowMatcher
 from .vision.odometry import Odometry, Tracked, Tracking
 from .vision.orb import OrbDetector
 from .vision.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+from .vision.rig import require_baseline
 
 T = TypeVar("T")
+_STAGES = {"detector": "OrbDetector()", "matcher": "RowMatcher()", "surface": "DelaunaySurface()", "filter": "Tmahf()"}
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,11 @@ class Settings:
     tracking: Tracking = field(default_factory=Tracking)
     surface: Callable[[Cloud], Surface] = field(default_factory=DelaunaySurface)
     filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
+
+    def __post_init__(self) -> None:
+        """Refuse a stage that cannot be called."""
+        for name, such in _STAGES.items():
+            require_stage(getattr(self, name), f"settings: {name}", such)
 
 
 def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:
@@ -211,8 +219,10 @@ class Session:
     """
 
     def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
+        require_baseline(rig, "session")
         self.rig = rig
         self.settings = settings or Settings()
+        require(self.settings, Settings, "settings")
         stages = self.settings
         self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
         self._worker = ThreadPoolExecutor(1)
@@ -247,6 +257,7 @@ class Session:
         GeometryError
             If it is the first and shows too little texture for three points.
         """
+        require(pair, StereoPair, "pair")
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
         frame = Frame(pair, self.odometry.process(pair), self.settings)

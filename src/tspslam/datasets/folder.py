@@ -7,11 +7,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import Image, RawRig, Rig, StereoPair
-from ..vision.formats import read_calibration
+from ..vision.formats import read_stereo
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 
@@ -19,15 +20,15 @@ _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
 _SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 
 
-def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoPair:
+def read_pair(left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig) -> StereoPair:
     """Read a pair from two images and a calibration file; a raw pair is rectified.
 
     Parameters
     ----------
     left, right : str or path
         Images of the same size and depth.
-    calib : str or path
-        Calibration, as `tspslam.read_calibration` reads it.
+    calib : str, path, Rig or RawRig
+        Calibration file, as `tspslam.read_calibration` reads it, or the cameras themselves.
 
     Returns
     -------
@@ -41,12 +42,18 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
 
     Examples
     --------
-    >>> pair_from_files("no-such-left.png", "right.png", "calib.yaml")
+    >>> read_pair("no-such-left.png", "right.png", "calib.yaml")
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
-    cameras = read_calibration(calib, image_size(left)).cameras
+    for side, path in (("left image", left), ("right image", right)):
+        require_path(path, side)
+    cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, image_size(left))
     return _Reader(cameras).read(Path(left), Path(right), 0)
+
+
+pair_from_files = read_pair
+"""`read_pair` by its earlier name."""
 
 
 class StereoFolder:
@@ -86,6 +93,7 @@ class StereoFolder:
     unpaired: list[str]
 
     def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
+        require_path(path)
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
         self.names = sorted(left.keys() & right.keys(), key=_natural)
@@ -97,7 +105,7 @@ class StereoFolder:
                 f"{self.path}: {len(left)} files in left/ and {len(right)} in right/ have no name in common, "
                 "expected pairs of the same name"
             )
-        self._reader = _Reader(read_calibration(calib or _calibration_in(self.path), self._size()).cameras)
+        self._reader = _Reader(read_stereo(calib or _calibration_in(self.path), self._size()))
         self.rig = self._reader.rig
 
     @property

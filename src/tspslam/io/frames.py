@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .._atomic import write_bytes
+from .._checks import require_frame
 from .._files import PathLike, bad_input, read_bytes, reason_of
 from ..errors import InputError
 from ..topology.complex import Complex
@@ -155,6 +156,7 @@ def write_frame(path: PathLike, frame: FrameLike) -> None:
     ...     read_frame(f"{folder}/000007.npz").name
     'seventh'
     """
+    require_frame(frame)
     try:
         arrays = {name: to_schema(name, value) for name, value in _collected(frame).items()}
         check(arrays)
