@@ -29,9 +29,7 @@ _PIXELS = (np.uint8, np.uint16, np.float32, np.float64)
 def told(value: Any) -> str:
     """What a value is, in a few words."""
     if isinstance(value, str | os.PathLike):
-        text = os.fspath(value)
-        kind = "path" if not isinstance(value, str) or "." in text or os.sep in text else "text"
-        return f"the {kind} {text!r:.80}"
+        return f"the {'path' if _is_path(value) else 'text'} {os.fspath(value)!r:.80}"
     if isinstance(value, np.ndarray):
         return f"{value.dtype} of shape {value.shape}"
     return type(value).__name__
@@ -70,6 +68,10 @@ def refuse_path(value: Any, what: str, expected: str, reader: str) -> None:
         raise InputError(f"{what} is {told(value)}, expected {expected}; {reader} reads files")
 
 
+def _is_path(value: Any) -> bool:
+    return isinstance(value, os.PathLike) or (isinstance(value, str) and ("." in value or os.sep in value))
+
+
 def require(value: Any, kind: type, what: str) -> None:
     """Refuse what is not of one of our data classes; the line says how to come by one."""
     if not isinstance(value, kind):
@@ -78,7 +80,7 @@ def require(value: Any, kind: type, what: str) -> None:
 
 def real_array(values: ArrayLike, what: str, shape: str) -> NDArray[Any]:
     """Numbers as an array of their own type; paths, text, masks, objects and rows of different lengths are refused."""
-    if isinstance(values, str | os.PathLike):
+    if _is_path(values):
         raise InputError(f"{what} is {told(values)}, expected {shape} real numbers")
     if isinstance(values, np.ma.MaskedArray):  # its mask would be lost without a word
         raise InputError(f"{what} is a masked array, expected a plain one, such as {what}.filled(np.nan)")
