@@ -58,9 +58,10 @@ class Settings:
     filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
 
     def __post_init__(self) -> None:
-        """Refuse a stage that cannot be called."""
+        """Refuse the name of a stage, or its class, where an object goes that can be called."""
         for name, such in _STAGES.items():
-            require_stage(getattr(self, name), f"settings: {name}", such)
+            if isinstance(getattr(self, name), str | type):
+                require_stage(getattr(self, name), f"settings: {name}", such)
 
 
 def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:

@@ -16,7 +16,7 @@ from tspslam.pipeline import run as run_pipeline
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "corridor"
-    run_pipeline(corridor(1.0), out, resolve(assignments=SETTINGS), frames=range(6))
+    run_pipeline(corridor(1.0), out, resolve(assignments=SETTINGS))
     return out
 
 
