@@ -351,7 +351,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Response:
-    """A complex harmonic response at every vertex.
+    """A complex harmonic response at every vertex; ``len(response)`` is their number.
 
     Attributes
     ----------

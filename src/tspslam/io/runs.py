@@ -36,8 +36,8 @@ class StoredRun:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = pipeline.run(pipeline.OnePair(datasets.motorcycle()), f"{folder}/run", config.resolve())
     ...     run = load_run(f"{folder}/run")
-    ...     frame = run.frame(0)
-    >>> run.keyframes, len(run.trajectory), len(frame.response) == len(frame.cloud)
+    ...     frame, path = run.frame(0), run.trajectory
+    >>> run.keyframes, len(path), len(frame.response) == len(frame.cloud)
     ((0,), 1, True)
     """
 
