@@ -80,6 +80,19 @@ def test_kernels_give_the_torus_and_the_ramps_their_closed_forms(tmp_path):
     assert 0 < numbers(printed, "time:")[0] < 1000
 
 
+def test_a_torus_has_the_two_harmonic_flows_that_two_fields_give(tmp_path):
+    printed = run_example("05_flows_on_a_torus.py", tmp_path)
+    assert "cycles=2" in printed.splitlines()[0]
+    shares = {name: numbers(printed, f"{name}:") for name in ("along", "around", "down")}
+    assert all(abs(sum(parts) - 100) < 0.2 for parts in shares.values())
+    assert shares["along"][2] > 90
+    assert shares["around"][2] > 99
+    assert shares["down"][0] > 99  # the gradient of -z
+    rest, count = numbers(printed, "rest of the basis:")
+    assert rest < 1e-9
+    assert count == 2
+
+
 def test_a_network_is_trained_on_all_levels_and_on_vertices_alone(tmp_path):
     pytest.importorskip("torch", reason="PyTorch is not installed: the worked example needs it")
     printed = run_example("04_train_a_network.py", tmp_path)

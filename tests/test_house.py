@@ -7,7 +7,17 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_files", "_jit", "_npz", "_text", "_yaml", "types", "errors"}  # what any room may stand on
+GROUND = {
+    "_atomic",
+    "_checks",
+    "_files",
+    "_jit",
+    "_npz",
+    "_text",
+    "_yaml",
+    "types",
+    "errors",
+}  # what any room may stand on
 BELOW = {  # what each room may import, besides itself
     "__main__": {"cli"},
     "cli": {
@@ -44,11 +54,12 @@ BELOW = {  # what each room may import, besides itself
     "vision": GROUND,
     "topology": GROUND,
     "_atomic": {"_files", "errors"},
-    "_files": {"errors"},
+    "_files": {"_checks", "errors"},
     "_npz": {"_files", "errors"},
     "_text": {"_files"},
     "_yaml": {"_files", "_text"},
-    "types": {"errors"},
+    "types": {"_checks", "errors"},
+    "_checks": {"errors"},
     "_jit": set(),
     "errors": set(),
 }

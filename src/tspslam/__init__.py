@@ -2,7 +2,7 @@
 
 The walk from a pair of images to a response::
 
-    pair     = tspslam.datasets.motorcycle()
+    pair     = tspslam.datasets.motorcycle()  # or read_pair("left.png", "right.png", "calib.yaml")
     cloud    = tspslam.reconstruct(pair)
     surface  = tspslam.delaunay_surface(cloud)
     complex_ = tspslam.build_complex(surface.faces, len(cloud.xyz))
@@ -22,10 +22,13 @@ if TYPE_CHECKING:
     from . import doors as doors
     from . import io as io
     from . import view as view
+    from .datasets.folder import read_pair as read_pair
     from .errors import GeometryError as GeometryError
     from .errors import InputError as InputError
     from .errors import OutputError as OutputError
     from .errors import TspSlamError as TspSlamError
+    from .io.runs import StoredRun as StoredRun
+    from .io.runs import load_run as load_run
     from .session import Session as Session
     from .session import Settings as Settings
     from .topology.cells import CellComplex as CellComplex
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
     from .topology.complex import build_complex as build_complex
     from .topology.crust import crust_surface as crust_surface
     from .topology.diagnosis import diagnose_surface as diagnose_surface
+    from .topology.flow import edge_flow as edge_flow
     from .topology.harmonic import tmahf as tmahf
     from .topology.harmonic import tmahf_bank as tmahf_bank
     from .topology.hodge import harmonic_basis as harmonic_basis
@@ -95,6 +99,8 @@ _HOMES = {
         "Surface",
         "Trajectory",
     ),
+    "datasets.folder": ("read_pair",),
+    "io.runs": ("StoredRun", "load_run"),
     "vision.reconstruct": ("reconstruct",),
     "vision.rig": ("load_rig",),
     "vision.rectify": ("rectification",),
@@ -103,6 +109,7 @@ _HOMES = {
     "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
     "topology.spectrum": ("spectrum",),
     "topology.laplacian": ("unsigned_laplacian",),
+    "topology.flow": ("edge_flow",),
     "topology.hodge": ("harmonic_basis", "hodge_decompose"),
     "topology.homology": ("betti_numbers",),
     "topology.texture": ("sample_signals",),

@@ -7,6 +7,7 @@ import os
 import stat
 from typing import BinaryIO
 
+from ._checks import require_path
 from .errors import InputError
 
 PathLike = str | os.PathLike[str]
@@ -60,6 +61,7 @@ def open_own(path: str, flags: int) -> int:
 
 def open_input(path: PathLike, expected: str, largest: int = LARGEST_FILE) -> BinaryIO:
     """Open a regular, non-empty file for reading; anything else (a folder, a pipe, a device) is an `InputError`."""
+    require_path(path)
     try:
         status = os.stat(path)
         if stat.S_ISDIR(status.st_mode):

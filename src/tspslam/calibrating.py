@@ -43,7 +43,7 @@ def described(file: Path, size: Size | None = None) -> dict[str, Any]:
     values = {name: {"value": value, "origin": found.origin.get(name, "0 by default")} for name, value in rows.items()}
     if is_raw:
         values |= {f"rectified.{name}": {"value": value, "origin": "computed"} for name, value in vars(rig).items()}
-    kind = "two raw cameras" if is_raw else "a rectified pair"
+    kind = "two raw cameras" if is_raw else "a rectified pair" if rig.baseline else "a single camera"
     return {"format": found.format, "kind": kind, "values": values, "remarks": _remarks(found, rig)}
 
 

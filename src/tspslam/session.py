@@ -10,6 +10,7 @@ from functools import cached_property, wraps
 from threading import RLock
 from typing import Any, TypeVar
 
+from ._checks import require, require_stage
 from .errors import InputError
 from .topology.complex import Complex, build_complex
 from .topology.harmonic import Tmahf
@@ -20,8 +21,10 @@ from .vision.matching import RowMatcher
 from .vision.odometry import Odometry, Tracked, Tracking
 from .vision.orb import OrbDetector
 from .vision.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+from .vision.rig import require_baseline
 
 T = TypeVar("T")
+_STAGES = {"detector": "OrbDetector()", "matcher": "RowMatcher()", "surface": "DelaunaySurface()", "filter": "Tmahf()"}
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,12 @@ class Settings:
     tracking: Tracking = field(default_factory=Tracking)
     surface: Callable[[Cloud], Surface] = field(default_factory=DelaunaySurface)
     filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
+
+    def __post_init__(self) -> None:
+        """Refuse the name of a stage, or its class, where an object goes that can be called."""
+        for name, such in _STAGES.items():
+            if isinstance(getattr(self, name), str | type):
+                require_stage(getattr(self, name), f"settings: {name}", such)
 
 
 def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:
@@ -224,8 +233,10 @@ class Session:
     """
 
     def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
+        require_baseline(rig, "session")
         self.rig = rig
         self.settings = settings or Settings()
+        require(self.settings, Settings, "settings")
         stages = self.settings
         self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
         self._worker = ThreadPoolExecutor(1)
@@ -261,6 +272,7 @@ class Session:
         GeometryError
             If it is the first and shows too little texture for three points.
         """
+        require(pair, StereoPair, "pair")
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
         if self._is_closed:

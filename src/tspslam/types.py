@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._checks import real_array as real_array
+from ._checks import refuse_path, require
 from .errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -38,20 +40,11 @@ def one_channel(values: NDArray[Any]) -> NDArray[Any]:
     return values if values.ndim == 1 else values.mean(axis=1)
 
 
-def real_array(values: ArrayLike, what: str, shape: str) -> NDArray[Any]:
-    """Numbers as an array of their own type; text, objects and rows of different lengths are refused."""
-    try:
-        array: NDArray[Any] = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"{what} has rows of different lengths, expected {shape}") from error
-    if array.size and array.dtype.kind not in "biuf":
-        raise InputError(f"{what} is {array.dtype} of shape {array.shape}, expected {shape} real numbers")
-    return array
-
-
 @dataclass(frozen=True)
 class Rig:
     """A rectified stereo pair of cameras: both share ``fx, fy, cy, skew`` and see a point on the same row.
+
+    Or a single camera, without a baseline: a mesh can be seen by it, but no disparity turned into depth.
 
     Attributes
     ----------
@@ -60,9 +53,9 @@ class Rig:
     cx, cy : float
         Principal point of the left camera, px.
     baseline : float
-        Distance between the cameras, m, positive.
+        Distance between the cameras, m, positive; 0, the default, is a single camera.
     width, height : int
-        Image size, px.
+        Image size, px, positive: give them, by name where there is no baseline.
     skew : float
         Skew of eq. (2), px.
     doffs : float
@@ -71,23 +64,23 @@ class Rig:
     Raises
     ------
     InputError
-        If a value is no number in its range: focal lengths 1e-3 to 1e7 px, baseline 1e-6 to 1e6 m, sizes whole and
-        1 to 1e6 px, the others within 1e7 px of 0.
+        If a value is no number in its range: focal lengths 1e-3 to 1e7 px, baseline 0 or 1e-6 to 1e6 m, sizes whole
+        and 1 to 1e6 px, the others within 1e7 px of 0.
 
     Examples
     --------
     >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
-    >>> rig.baseline
-    0.1
+    >>> rig.baseline, Rig(fx=500, fy=500, cx=320, cy=240, width=640, height=480).baseline
+    (0.1, 0.0)
     """
 
     fx: float
     fy: float
     cx: float
     cy: float
-    baseline: float
-    width: int
-    height: int
+    baseline: float = 0.0
+    width: int = 0
+    height: int = 0
     skew: float = 0.0
     doffs: float = 0.0
 
@@ -188,8 +181,14 @@ _RANGES: dict[str, tuple[float, float]] = {
 
 def _check_numbers(values: Rig | Camera, what: str) -> None:
     for field in fields(values):
-        if field.name != "distortion":
-            _check_number(what, field.name, getattr(values, field.name), *_RANGES.get(field.name, (-1e7, 1e7)))
+        value = getattr(values, field.name)
+        if field.name != "distortion" and not _is_absent(field.name, value):
+            _check_number(what, field.name, value, *_RANGES.get(field.name, (-1e7, 1e7)))
+
+
+def _is_absent(name: str, value: Any) -> bool:
+    """Whether it is the baseline of a single camera."""
+    return name == "baseline" and isinstance(value, Real) and not isinstance(value, bool) and value == 0
 
 
 def _check_number(what: str, name: str, value: Any, low: float, high: float) -> None:
@@ -218,6 +217,11 @@ class StereoPair:
     disparity : (H, W) float array or None
         Disparities of the left image that something else has measured (an RGB-D camera, a network), px; NaN where not
         known. Where there is one, `right` is not looked at.
+
+    Raises
+    ------
+    InputError
+        If an image is the path of one, or the rig is none. The images themselves are looked at when they are worked on.
     """
 
     left: Image
@@ -227,6 +231,11 @@ class StereoPair:
     index: int = 0
     name: str = "pair"
     disparity: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for side in ("left", "right"):
+            refuse_path(getattr(self, side), f"pair: {side}", "an array", "tspslam.read_pair(left, right, calib)")
+        require(self.rig, Rig, "pair: rig")
 
 
 @dataclass(frozen=True)
@@ -342,7 +351,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Response:
-    """A complex harmonic response at every vertex.
+    """A complex harmonic response at every vertex; ``len(response)`` is their number.
 
     Attributes
     ----------
@@ -357,6 +366,9 @@ class Response:
     z: NDArray[np.complex128]
     order: int
     defined: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.z)
 
     @property
     def magnitude(self) -> FloatArray:

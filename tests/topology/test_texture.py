@@ -166,7 +166,7 @@ def test_unknown_channels_are_named():
     (np.zeros((4, 4), np.int32), [[0, 0]], "int32, expected uint8, uint16"),
     (np.zeros((4,), np.uint8), [[0, 0]], r"shape is \(4,\)"),
     (np.zeros((0, 4), np.uint8), [[0, 0]], "not empty"),
-    ([[1]], [[0, 0]], "shape is list"),
+    ([[1]], [[0, 0]], "image is list, expected an array"),
     (np.full((4, 4), np.nan), [[0, 0]], "NaN or infinite"),
     (np.zeros((4, 4), np.uint8), [[0, 0], [1, 1]], r"uv: shape is \(2, 2\), expected \(1, 2\)"),
 ])  # fmt: skip

@@ -77,7 +77,7 @@ def test_a_point_beyond_all_measure_has_no_depth(plain_rig: Rig) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"width": 1.5}, {"width": True}, {"fx": "wide"}, {"fx": np.nan}, {"cx": 10**400}, {"baseline": 0}]
+    "wrong", [{"width": 1.5}, {"width": True}, {"fx": "wide"}, {"fx": np.nan}, {"cx": 10**400}, {"baseline": -0.1}]
 )
 def test_a_rig_of_other_values_is_refused_by_name(plain_rig: Rig, wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=f"rig: {next(iter(wrong))} is .*, expected a"):

@@ -4,6 +4,7 @@ from . import synthetic as synthetic
 from .euroc import EurocSequence as EurocSequence
 from .folder import StereoFolder as StereoFolder
 from .folder import pair_from_files as pair_from_files
+from .folder import read_pair as read_pair
 from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
 from .maps import pair_from_map as pair_from_map
@@ -25,5 +26,6 @@ __all__ = [
     "pair_from_files",
     "pair_from_map",
     "read_map",
+    "read_pair",
     "synthetic",
 ]

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
-from ..vision.formats import read_calibration
+from ..vision.formats import read_stereo
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._kinds import no_image, only_images
@@ -22,15 +23,15 @@ from ._kinds import no_image, only_images
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
 
 
-def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoPair:
+def read_pair(left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig) -> StereoPair:
     """Read a pair from two images and a calibration file; a raw pair is rectified.
 
     Parameters
     ----------
     left, right : str or path
         Images of the same size and depth.
-    calib : str or path
-        Calibration, as `tspslam.read_calibration` reads it.
+    calib : str, path, Rig or RawRig
+        Calibration file, as `tspslam.read_calibration` reads it, or the cameras themselves.
 
     Returns
     -------
@@ -44,13 +45,19 @@ def pair_from_files(left: PathLike, right: PathLike, calib: PathLike) -> StereoP
 
     Examples
     --------
-    >>> pair_from_files("no-such-left.png", "right.png", "calib.yaml")
+    >>> read_pair("no-such-left.png", "right.png", "calib.yaml")
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
+    for side, path in (("left image", left), ("right image", right)):
+        require_path(path, side)
     sizes = [_size_of(Path(path)) for path in (left, right)]
-    cameras = read_calibration(calib, sizes[0]).cameras
+    cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, sizes[0])
     return _Reader(cameras).read(Path(left), Path(right), 0)
+
+
+pair_from_files = read_pair
+"""`read_pair` by its earlier name."""
 
 
 def _size_of(path: Path) -> tuple[int, int]:
@@ -101,6 +108,7 @@ class StereoFolder:
     unpaired: list[str]
 
     def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
+        require_path(path)
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
         places = {name: place for place, name in enumerate(sorted(left.keys() | right.keys(), key=_natural))}
@@ -114,7 +122,7 @@ class StereoFolder:
                 f"{self.path}: {len(left)} files in left/ and {len(right)} in right/ have no name in common, "
                 "expected pairs of the same name"
             )
-        self._reader = _Reader(read_calibration(calib or _calibration_in(self.path), self._size()).cameras)
+        self._reader = _Reader(read_stereo(calib or _calibration_in(self.path), self._size()))
         self.rig = self._reader.rig
 
     @property

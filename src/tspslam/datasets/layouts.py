@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ._kinds import listed, no_source
@@ -53,6 +54,7 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None, topics: tupl
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-folder: is no folder, expected one with left/ and right/, mav0/, image_0/ ...
     """
+    require_path(path)
     folder = Path(path)
 
     def has(*names: str) -> bool:

@@ -15,7 +15,7 @@ from ..io.npy import read_npy
 from ..types import StereoPair
 from ..vision.dense import checked_map, checked_unit, disparity_of_depth
 from ..vision.formats import read_rectified
-from ..vision.rig import check_pair
+from ..vision.rig import check_pair, require_baseline
 
 _EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, or a .npy of numbers"
 
@@ -61,6 +61,7 @@ def pair_from_map(
     """
     pixels = read_image(image)
     rig = read_rectified(calib, (pixels.shape[1], pixels.shape[0]))
+    require_baseline(rig, f"{calib}", "for a depth map any will do, such as 0.1; it sets the covariance")
     values = read_map(map_)
     try:
         if kind == "depth":

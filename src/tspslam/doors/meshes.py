@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import check_pixels, require
 from .._files import PathLike
 from ..errors import InputError
 from ..io import read_image, read_mesh
@@ -55,7 +56,7 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
     image : (H, W) or (H, W, 3) array
         What the left camera saw: uint8, uint16, or float in [0, 1].
     rig : Rig
-        The camera; of a single one the baseline is 1.
+        The camera; a single one needs no baseline.
 
     Returns
     -------
@@ -69,11 +70,13 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
 
     Examples
     --------
-    >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, baseline=1, width=40, height=30)
+    >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
     >>> textured = from_arrays([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], [[0, 1, 2]], np.full((30, 40), 0.5), camera)
     >>> textured.signals.face.tolist()
     [0.5]
     """
+    require(rig, Rig, "rig")
+    check_pixels("image", image)
     points = np.ascontiguousarray(real_array(xyz, "xyz", "(N, 3)"), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"xyz has shape {points.shape}, expected (N, 3)")
@@ -90,7 +93,8 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
             f"none of {len(points)} vertices falls into the image{behind}, expected the camera's frame, metres"
         )
     depth = np.where(np.isnan(uv[:, 0]) | (points[:, 2] < _NEAREST), np.nan, points[:, 2])
-    cloud = Cloud(points, uv, rig.fx * rig.baseline / depth - rig.doffs)
+    disparity = rig.fx * rig.baseline / depth - rig.doffs if rig.baseline else np.full(len(points), np.nan)
+    cloud = Cloud(points, uv, disparity)
     is_same = len(triangles) == len(complex_.faces)
     kept = triangles.reshape(-1, 3).astype(np.int32) if is_same else complex_.faces
     return Textured(cloud, Surface(kept), complex_, signals)
@@ -119,7 +123,7 @@ def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Textured:
     --------
     >>> from types import SimpleNamespace
     >>> mesh = SimpleNamespace(vertices=[[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], faces=[[0, 1, 2]])
-    >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, baseline=1, width=40, height=30)
+    >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
     >>> from_trimesh(mesh, np.zeros((30, 40)), camera).complex_.euler
     1
     """
@@ -138,7 +142,7 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike) -> Texture
     image : path
         What the left camera saw.
     calibration : path
-        A calibration file of a rectified pair.
+        A calibration file of a rectified pair, or of our own of a single camera, which needs no baseline.
 
     Returns
     -------

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import require
 from ..errors import InputError
 from ..topology.complex import Complex, build_complex
 
@@ -29,6 +30,7 @@ def to_toponetx(complex_: Complex) -> Any:
     InputError
         If TopoNetX is not installed, or the complex has polygons.
     """
+    require(complex_, Complex, "complex_")
     if not isinstance(complex_.faces, np.ndarray):
         raise InputError("complex: its faces are polygons, expected triangles")
     simplices = [[i] for i in range(complex_.n)] + complex_.edges.tolist() + complex_.faces.tolist()

@@ -7,6 +7,7 @@ from .manifest import Unit
 from .mesh import merge_corners, read_mesh
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
+from .runs import StoredRun, load_run
 from .trajectory import read_trajectory, write_kitti, write_tum
 from .vtu import VtuMesh, read_vtu, write_vtu
 
@@ -15,10 +16,12 @@ __all__ = [
     "PlyMesh",
     "RunFolder",
     "StoredFrame",
+    "StoredRun",
     "Unit",
     "VtuMesh",
     "atomic_write",
     "image_size",
+    "load_run",
     "merge_corners",
     "read_frame",
     "read_image",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._atomic import write_bytes
+from .._checks import require_frame
 from .._files import PathLike, bad_input, read_bytes
 from .._npz import Arrays, read_npz
 from ..errors import InputError
@@ -139,6 +140,7 @@ def write_frame(path: PathLike, frame: FrameLike) -> None:
     ...     read_frame(f"{folder}/000007.npz").name
     'seventh'
     """
+    require_frame(frame)
     try:
         arrays = {name: to_schema(name, value) for name, value in _collected(frame).items()}
         check(arrays)

@@ -13,7 +13,7 @@ from .._atomic import write_bytes
 from .._files import PathLike, bad_input, read_bytes
 from .._text import unmarked
 from ..errors import InputError
-from ..types import FloatArray
+from ..types import FloatArray, real_array
 from ._ply_body import corners_of, read_elements
 from ._ply_header import Element, parse_header
 
@@ -94,7 +94,7 @@ def write_ply(
     >>> mesh.faces.tolist(), mesh.vertex["quality"].tolist()
     ([[0, 2, 1]], [0.0, 0.5, 1.0])
     """
-    points = np.asarray(xyz, np.float64)
+    points = real_array(xyz, "xyz", "(N, 3)").astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise bad_input(path, f"xyz has shape {points.shape} or a value that is not finite", "finite (N, 3)")
     triangles = _indices(path, "faces", faces, (len(points), 3))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +25,7 @@ from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manif
 from .trajectory import write_kitti, write_tum
 
 _LARGEST_JSON = 1 << 30  # bytes
+_FRAME = re.compile(r"frames/(\d{6,})\.npz")
 
 
 class RunFolder:
@@ -250,11 +253,29 @@ class RunFolder:
         target = self.frame_path(index)
         unit = self.units.get(self._name(target))
         if unit is None:
-            count = sum(name.startswith("frames/") and name.endswith(".npz") for name in self.units)
-            raise bad_input(self.path, f"has no finished frame {index}", f"one of its {count} frames")
+            stored = self.stored_frames
+            near = sorted([k for k in stored if k < index][-1:] + [k for k in stored if k > index][:1])
+            nearest = f", the nearest {' and '.join(map(str, near))}" if near else ""
+            why = f"has no finished frame {index}{self._why_not(index)}"
+            raise bad_input(self.path, why, f"one of its {len(stored)} frames{nearest}")
         if not self.is_done(target, input_hash=unit.input):
             raise bad_input(target, "is missing or was changed since the run", "the file that the manifest lists")
         return target
+
+    @property
+    def stored_frames(self) -> tuple[int, ...]:
+        """Indices of the frames that have a file, ascending."""
+        found = (_FRAME.fullmatch(name) for name in self.units)
+        return tuple(sorted(int(match[1]) for match in found if match))
+
+    def _why_not(self, index: int) -> str:
+        """Why a frame of a finished run has no file, if ``run.json`` tells."""
+        with contextlib.suppress(InputError):  # there may be none yet
+            rows = self.read_run().get("per_frame")
+            for row in rows if isinstance(rows, list) else ():
+                if isinstance(row, dict) and row.get("index") == index:
+                    return f": {row.get('no_complex') or 'it is no keyframe, so it has a pose and no file'}"
+        return ""
 
     def keep(self, names: Iterable[str]) -> None:
         """Make these the folder's only finished units: the files of others go, and the manifest lists these by name.

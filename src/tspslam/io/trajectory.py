@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._atomic import write_bytes
+from .._checks import require_path
 from .._files import PathLike, bad_input
 from .._text import numbers, read_lines, split
 from ..types import FloatArray, Trajectory
@@ -86,8 +89,8 @@ def read_trajectory(path: PathLike) -> Trajectory:
     Parameters
     ----------
     path : str or path
-        Text, in UTF-8 or with a byte-order mark; lines that begin with # or % are passed over, and in TUM's form blank
-        ones. Rotations are made exact.
+        A run folder, whose ``trajectory.tum`` is read, or text, in UTF-8 or with a byte-order mark; lines that begin
+        with # or % are passed over, and in TUM's form blank ones. Rotations are made exact.
 
     Returns
     -------
@@ -109,6 +112,7 @@ def read_trajectory(path: PathLike) -> Trajectory:
     ...     read_trajectory(f"{folder}/a.tum").stamp.tolist()
     [0.5, 0.6]
     """
+    path = _file_of(path)
     lines, table = _table(path)
     if table.shape[1] == _KITTI:
         return Trajectory(np.arange(len(table), dtype=np.float64), _poses(path, lines, table.reshape(-1, 3, 4)))
@@ -129,6 +133,17 @@ def read_trajectory(path: PathLike) -> Trajectory:
     return Trajectory(table[:, 0], _poses(path, lines, np.concatenate([R, table[:, 1:4, None]], axis=2)))
 
 
+def _file_of(path: PathLike) -> PathLike:
+    """The file itself, or that of a run folder."""
+    require_path(path)
+    if not os.path.isdir(path):
+        return path
+    file = os.path.join(path, "trajectory.tum")
+    if not os.path.isfile(file):
+        raise bad_input(path, "is a folder without trajectory.tum", f"a run folder that has a path, or {_FORMS}")
+    return file
+
+
 def has_stamps(path: PathLike) -> bool:
     """Whether a trajectory file is in TUM's form, whose lines begin with a stamp; KITTI's has none.
 
@@ -141,7 +156,7 @@ def has_stamps(path: PathLike) -> bool:
     -------
     bool
     """
-    return _table(path)[1].shape[1] == _TUM
+    return _table(_file_of(path))[1].shape[1] == _TUM
 
 
 def _table(path: PathLike) -> tuple[list[int], FloatArray]:

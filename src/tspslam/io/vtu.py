@@ -92,6 +92,10 @@ def write_vtu(
     ...     read_vtu(f"{folder}/a.vtu").cell_data["mean"].tolist()
     [0.0, 0.0, 0.0, 0.5]
     """
+    from .._checks import require
+    from ..topology.complex import Complex
+
+    require(complex_, Complex, "complex_")
     n_edges, n_faces = len(complex_.edges), len(complex_.faces)
     points = _signal(path, "xyz", np.asarray(xyz, np.float64), complex_.n)
     if points.shape != (complex_.n, 3):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import refuse_path, require, with_part
 from ..errors import InputError
 from ..types import FloatArray, Signals
-from .complex import Boundary, Complex, Index, Rows, checked_count, checked_pairs
+from .complex import Boundary, Complex, Index, Rows, checked_count, checked_pairs, largest
 
 
 @dataclass(frozen=True)
@@ -83,15 +84,15 @@ class CellComplex(Complex):
         return Rows(*_cells.edges_of_cells_at_vertices(self.face_rows, self.boundary[:2], len(self.edges)))
 
 
-def build_cells(cells: Sequence[ArrayLike], n: int, edges: ArrayLike | None = None) -> CellComplex:
+def build_cells(cells: Sequence[ArrayLike], n: int | None = None, edges: ArrayLike | None = None) -> CellComplex:
     """Build a cell complex from polygons and, if given, edges that stand without a face.
 
     Parameters
     ----------
     cells : sequence of (k,) integers
         Vertex cycles, k >= 3, in either direction and from any vertex.
-    n : int
-        Number of vertices.
+    n : int, optional
+        Number of vertices; without it one more than the largest that is named.
     edges : (M, 2) integers, optional
         Further edges.
 
@@ -113,10 +114,14 @@ def build_cells(cells: Sequence[ArrayLike], n: int, edges: ArrayLike | None = No
     """
     from . import _cells
 
+    refuse_path(cells, "cells", "rows of vertices", "tspslam.io.read_mesh(path)")
+    if not isinstance(cells, Iterable):
+        raise InputError(f"cells is {with_part(cells, 'faces')}, expected rows of vertices")
     rows = [_checked_cycle(k, cell) for k, cell in enumerate(cells)]
     start = np.concatenate([[0], np.cumsum([len(row) for row in rows], dtype=np.int64)]).astype(np.int32)
     items = np.concatenate([np.empty(0, np.int64), *rows])
-    bad = _cells.bad_cycle(start, items, checked_count(n))
+    n = largest(items, edges) if n is None else checked_count(n)
+    bad = _cells.bad_cycle(start, items, n)
     if bad >= 0:
         found = rows[bad].tolist()
         raise InputError(f"cells: cell {bad} is {found}, expected a cycle of 3 or more distinct vertices in 0..{n - 1}")
@@ -157,6 +162,7 @@ def grow_labels(complex_: Complex, size: int) -> NDArray[np.int64]:
         raise InputError("cells: the complex has cells already, expected one of triangles")
     if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
         raise InputError(f"cells: size is {size!r}, expected a positive integer")
+    require(complex_, Complex, "complex_")
     start, rim, _ = complex_.boundary
     labels = np.empty(len(complex_.faces), np.int64)
     at_edges = _homology.sides_of_edges(start, rim, len(complex_.edges))
@@ -286,6 +292,7 @@ def _means(values: FloatArray, weight: FloatArray, cell_of: NDArray[np.int64], o
 
 def _cells_of(complex_: Complex, labels: ArrayLike) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Cell of each face, counted from 0 in the order of their labels, and the labels."""
+    require(complex_, Complex, "complex_")
     values: NDArray[Any] = np.asarray(labels)
     if isinstance(complex_, CellComplex):
         raise InputError("cells: the complex has cells already, expected one of triangles")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import refuse_path, told, with_part
 from ..errors import InputError
 from ..types import IntArray
 
@@ -176,15 +177,16 @@ class Complex:
         )
 
 
-def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> Complex:
+def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | None = None) -> Complex:
     """Build a simplicial complex from triangles and, if given, edges that stand without a face.
 
     Parameters
     ----------
     faces : (F, 3) integers
-        Vertex triples in any order; repeated faces merge.
-    n : int
-        Number of vertices.
+        Vertex triples in any order, counted from 0; repeated faces merge.
+    n : int, optional
+        Number of vertices; without it one more than the largest that a face or an edge names. Give it where there may
+        be vertices without either.
     edges : (M, 2) integers, optional
         Further edges, in any order; those that a face has already merge with it.
 
@@ -210,8 +212,8 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
     """
     from . import _kernels
 
-    n = checked_count(n)
     triples = _simplices(faces, 3, "face")
+    n = largest(triples, edges) if n is None else checked_count(n)
     ascending = np.empty(triples.shape, np.int32)
     _refuse(triples, _kernels.sort_faces(triples, n, ascending), n, "face")
     extra = checked_pairs(edges, n)
@@ -230,11 +232,20 @@ def build_complex(faces: ArrayLike, n: int, edges: ArrayLike | None = None) -> C
 def checked_count(n: int) -> int:
     """A number of vertices."""
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 0 <= n < 2**31:
-        raise InputError(f"complex: n is {n!r}, expected an integer, 0 <= n < 2**31")
+        raise InputError(f"complex: n is {repr(n) if np.isscalar(n) else told(n)}, expected an integer, 0 <= n < 2**31")
     return int(n)
 
 
+def largest(named: NDArray[Any], edges: ArrayLike | None) -> int:
+    """Number of vertices up to the largest that faces or edges name."""
+    both = (named, _simplices([] if edges is None else edges, 2, "edge"))
+    return checked_count(1 + max((int(each.max()) for each in both if each.size), default=-1))
+
+
 def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
+    refuse_path(values, f"complex: {what}s", f"(count, {size}) integers", "tspslam.io.read_mesh(path)")
+    if hasattr(values, f"{what}s"):
+        raise InputError(f"complex: {what}s is {with_part(values, f'{what}s')}, expected (count, {size}) integers")
     try:
         array: NDArray[Any] = np.asarray(values)
     except ValueError as error:
@@ -242,7 +253,8 @@ def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
     if array.shape in ((0,), (0, size)):
         return np.empty((0, size), np.int32)
     if array.ndim != 2 or array.shape[1] != size:
-        raise InputError(f"complex: {what}s have shape {array.shape}, expected (count, {size})")
+        hint = "; build_cells takes polygons" if what == "face" and array.ndim == 2 and 3 < array.shape[1] < 10 else ""
+        raise InputError(f"complex: {what}s have shape {array.shape}, expected (count, {size}){hint}")
     if array.dtype.kind not in "iu":
         raise InputError(f"complex: {what}s are {array.dtype}, expected integers")
     if array.dtype == np.int32:
@@ -254,8 +266,10 @@ def _simplices(values: ArrayLike, size: int, what: str) -> IntArray:
 
 def _refuse(simplices: IntArray, bad: int, n: int, what: str) -> None:
     if bad >= 0:
-        row = simplices[bad].tolist()
-        raise InputError(f"complex: {what} {bad} is {row}, expected distinct vertices in 0..{n - 1}")
+        row, hint = simplices[bad].tolist(), ""
+        if simplices.min() == 1 and simplices.max() == n:
+            hint = f": they look counted from 1, so give {what}s - 1"
+        raise InputError(f"complex: {what} {bad} is {row}, expected distinct vertices in 0..{n - 1}{hint}")
 
 
 def checked_pairs(edges: ArrayLike | None, n: int) -> Index:

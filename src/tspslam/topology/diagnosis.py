@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import with_part
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, FloatArray, IntArray
 from ._crust import trace_loops
@@ -230,7 +231,8 @@ def _array(values: Any, what: str) -> NDArray[Any]:
 def _checked_faces(faces: Any, n: int | None) -> IntArray:
     array = _array(faces, "surface: faces")
     if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"surface: faces are {array.dtype} of shape {array.shape}, expected integers (F, 3)")
+        given = f"are {array.dtype} of shape {array.shape}" if array.ndim else f"is {with_part(faces, 'faces')}"
+        raise InputError(f"surface: faces {given}, expected integers (F, 3)")
     high = 2**31 if n is None else n
     good = ((array >= 0) & (array < high)).all(axis=1) & (array != np.roll(array, 1, axis=1)).all(axis=1)
     if not good.all():

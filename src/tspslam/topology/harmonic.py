@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import require
 from ..errors import InputError
 from ..types import Bank, FloatArray, Response, Signals, real_array
 from .complex import Complex
@@ -273,6 +274,8 @@ def checked_order(order: int, what: str) -> int:
 
 
 def _checked_points(complex_: Complex, uv: ArrayLike, signals: Signals) -> FloatArray:
+    require(complex_, Complex, "complex_")
+    require(signals, Signals, "signals")
     points = np.ascontiguousarray(real_array(uv, "uv", "(N, 2)"), dtype=np.float64)
     if points.shape != (complex_.n, 2):
         raise InputError(f"tmahf: uv has shape {points.shape}, expected ({complex_.n}, 2)")

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import require
 from ..errors import InputError
 from ..types import FloatArray, Signals, real_array
 from . import homology
@@ -72,7 +73,7 @@ def hodge_decompose(complex_: Complex, edge_signal: ArrayLike, *, method: Method
     >>> parts.harmonic.round(9).tolist()
     [1.0, -1.0, 1.0]
     """
-    signal = _checked(complex_, edge_signal, len(complex_.edges), "edge")
+    signal = _checked(complex_, edge_signal, "edge")
     potential = _solver(complex_, "L0", method).solve(complex_.B1 @ signal)
     gradient: FloatArray = complex_.B1.T @ potential
     if homology.betti_numbers(complex_).cycles <= FEW_CYCLES:
@@ -140,7 +141,7 @@ def gradient(complex_: Complex, vertex_signal: ArrayLike) -> FloatArray:
     >>> gradient(build_complex([[0, 1, 2]], 3), [0.0, 2, 5]).tolist()
     [2.0, 5.0, 3.0]
     """
-    result: FloatArray = complex_.B1.T @ _checked(complex_, vertex_signal, complex_.n, "vertex")
+    result: FloatArray = complex_.B1.T @ _checked(complex_, vertex_signal, "vertex")
     return result
 
 
@@ -158,7 +159,7 @@ def divergence(complex_: Complex, edge_signal: ArrayLike) -> FloatArray:
     >>> divergence(build_complex([[0, 1, 2]], 3), [2.0, 5, 3]).tolist()
     [-7.0, -1.0, 8.0]
     """
-    result: FloatArray = complex_.B1 @ _checked(complex_, edge_signal, len(complex_.edges), "edge")
+    result: FloatArray = complex_.B1 @ _checked(complex_, edge_signal, "edge")
     return result
 
 
@@ -176,7 +177,7 @@ def curl(complex_: Complex, edge_signal: ArrayLike) -> FloatArray:
     >>> curl(build_complex([[0, 1, 2]], 3), [2.0, 5, 3]).tolist()
     [0.0]
     """
-    result: FloatArray = complex_.B2.T @ _checked(complex_, edge_signal, len(complex_.edges), "edge")
+    result: FloatArray = complex_.B2.T @ _checked(complex_, edge_signal, "edge")
     return result
 
 
@@ -198,9 +199,11 @@ def _project(basis: FloatArray, signal: FloatArray) -> FloatArray:
     return result
 
 
-def _checked(complex_: Complex, signal: ArrayLike, count: int, level: str) -> FloatArray:
+def _checked(complex_: Complex, signal: ArrayLike, level: Literal["vertex", "edge"]) -> FloatArray:
+    require(complex_, Complex, "complex_")
     if isinstance(signal, Signals):
         raise InputError("a Signals is unsigned: it does not flip with orientation; expected an oriented edge signal")
+    count = complex_.n if level == "vertex" else len(complex_.edges)
     values = real_array(signal, f"{level} signal", f"({count},) or (.., C)")
     if values.ndim not in (1, 2) or len(values) != count:
         raise InputError(f"{level} signal is {values.dtype} of shape {values.shape}, expected ({count},) or (.., C)")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import require
 from ..types import FloatArray
 from .complex import Complex
 
@@ -89,6 +90,7 @@ def betti_numbers(complex_: Complex) -> BettiNumbers:
 
 def homology_of(complex_: Complex) -> Homology:
     """Tree, cotree and what they leave; kept with the complex, as its other derived properties are."""
+    require(complex_, Complex, "complex_")
     kept = vars(complex_)
     if "homology" not in kept:
         kept["homology"] = _analyse(complex_)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import require
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Signals, real_array
 from .complex import Complex, check_product
@@ -51,6 +52,7 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
     """
     from scipy.sparse import csr_array, diags_array
 
+    require(complex_, Complex, "complex_")
     if level not in ("vertex", "edge", "face"):
         raise InputError(f"level is {level!r}, expected 'vertex', 'edge' or 'face'")
     if level == "edge":
@@ -91,6 +93,8 @@ def checked_matrix(L: Any) -> csr_array:
 
     sparse: Any = L  # what issparse narrows has no shape
     if not issparse(L) or len(sparse.shape) != 2 or sparse.shape[0] != sparse.shape[1]:
+        if isinstance(L, Complex):
+            raise InputError("L is a complex, expected one of its Laplacians: .L0, .L1 or .L2")
         raise InputError(f"L is {type(sparse).__name__} of shape {np.shape(sparse)}, expected a square sparse matrix")
     if sparse.dtype.kind not in "biuf":
         raise InputError(f"L is {sparse.dtype}, expected real numbers")

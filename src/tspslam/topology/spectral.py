@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._checks import require, require_stage
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Signals
 from .laplacian import Level, checked, checked_matrix, parts_of, unsigned_laplacian
@@ -303,6 +304,7 @@ def smooth_signals(complex_: Complex, signals: Signals, t: float) -> Signals:
     """
     from dataclasses import replace
 
+    require(signals, Signals, "signals")
     smoothed: dict[str, Any] = {}
     levels: tuple[Level, ...] = ("vertex", "edge", "face")
     for level in levels:
@@ -370,6 +372,7 @@ def _cut(series: FloatArray, error: float) -> FloatArray:
 
 
 def _responses(response: Callable[[FloatArray], ArrayLike], eigenvalues: FloatArray) -> FloatArray:
+    require_stage(response, "response", "lambda x: np.exp(-x)")
     gain = np.asarray(response(eigenvalues), np.float64)
     if gain.shape != eigenvalues.shape or not np.isfinite(gain).all():
         raise InputError(f"response gives shape {gain.shape}, expected {eigenvalues.shape} finite values")

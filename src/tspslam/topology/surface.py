@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import require, told
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, Cloud, FloatArray, Surface
 
@@ -144,6 +145,10 @@ def pinched_vertices(faces: NDArray[np.int32], n: int) -> NDArray[np.int64]:
 
 
 def _refuse(cloud: Cloud) -> None:
+    require(cloud, Cloud, "cloud")
+    for name in ("xyz", "uv"):
+        if not isinstance(getattr(cloud, name), np.ndarray):
+            raise InputError(f"surface: {name} is {told(getattr(cloud, name))}, expected an array: np.asarray")
     n = len(cloud.xyz)
     shapes = (cloud.xyz.shape, cloud.uv.shape) + (() if cloud.covariance is None else (cloud.covariance.shape,))
     if shapes != ((n, 3), (n, 2), (n, 3, 3))[: len(shapes)]:

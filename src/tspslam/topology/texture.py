@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import check_luminance, check_pixels, require
 from ..errors import InputError
 from ..types import REC601, UNIT_OF, FloatArray, Signals, real_array
 from .complex import Complex
@@ -56,7 +57,8 @@ def sample_signals(
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
-        uint8, uint16, or float (luminance in [0, 1]; other ranges pass through as they are); three channels are RGB.
+        uint8, uint16, or float in [0, 1]; three channels are RGB. Other fields of floats are sampled as they are: one
+        plane with ``channels="all"``, such as a depth map, and two or more than three channels.
     uv : (N, 2) array
         Projections of the vertices, px; NaN for a vertex that the camera does not see.
     complex_ : Complex
@@ -88,6 +90,7 @@ def sample_signals(
     >>> signals.vertex.round(9).tolist(), int(signals.face_pixels[0])
     ([0.0, 0.8, 0.0], 15)
     """
+    require(complex_, Complex, "complex_")
     if not isinstance(complex_.faces, np.ndarray):
         raise InputError("complex: its faces are polygons, expected triangles; merge_signals gives the cells theirs")
     points = _checked_uv(uv, complex_.n)
@@ -127,9 +130,11 @@ def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:
 
 def _planes(image: NDArray[Any], channels: Channels) -> list[tuple[NDArray[Any], float]]:
     """The planes to sample, contiguous, each with the factor that makes it luminance."""
-    unit = _checked_unit(image)
+    check_pixels("image", image, "(H, W) or (H, W, C)")
     if channels not in ("luminance", "all"):
         raise InputError(f"channels is {channels!r}, expected 'luminance' or 'all'")
+    _check_values(image, channels)
+    unit = UNIT_OF.get(image.dtype, 1.0)
     if image.ndim == 2:
         return [(np.ascontiguousarray(image), unit)]
     count = image.shape[2]
@@ -138,25 +143,21 @@ def _planes(image: NDArray[Any], channels: Channels) -> list[tuple[NDArray[Any],
     return [(np.ascontiguousarray(image[:, :, c]), unit) for c in range(count)]
 
 
+def _check_values(image: NDArray[Any], channels: Channels) -> None:
+    """Floats of luminance or colour lie in [0, 1]; other fields, such as depths or a network's, are finite."""
+    count = 1 if image.ndim == 2 else image.shape[2]
+    if count == 3 or (count == 1 and channels == "luminance"):
+        check_luminance("image", image)
+    elif image.dtype.kind == "f" and not np.isfinite(image).all():
+        raise InputError("image: holds NaN or infinite values, expected finite ones")
+
+
 def _weigh(image: NDArray[Any], weights: FloatArray) -> FloatArray:
     from . import _pixels
 
     plane = np.empty(image.shape[:2])
     _pixels.weigh_channels(np.ascontiguousarray(image), weights, plane)
     return plane
-
-
-def _checked_unit(image: NDArray[Any]) -> float:
-    if not isinstance(image, np.ndarray) or image.ndim not in (2, 3) or image.size == 0:
-        shape = getattr(image, "shape", type(image).__name__)
-        raise InputError(f"image: shape is {shape}, expected (H, W) or (H, W, C), not empty")
-    if image.dtype in UNIT_OF:
-        return UNIT_OF[image.dtype]
-    if image.dtype not in (np.float32, np.float64):
-        raise InputError(f"image: type is {image.dtype}, expected uint8, uint16, or float in [0, 1]")
-    if not np.isfinite(image).all():
-        raise InputError("image: holds NaN or infinite values, expected finite ones")
-    return 1.0
 
 
 def _checked_uv(uv: ArrayLike, n: int) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import require
 from ..errors import InputError
 from ..types import FloatArray, Signals, real_array
 from .complex import Complex
@@ -65,6 +66,8 @@ def sample_vectors(
     >>> signals.face.round(9).tolist()
     [[0.1, 1.0]]
     """
+    if isinstance(channels, str):
+        raise InputError(f"channels are {channels!r}, expected a sequence of names, such as ({channels!r},)")
     for name in channels:
         if name not in CHANNELS:
             raise InputError(f"channel is {name!r}, expected one of {', '.join(CHANNELS)}")
@@ -108,6 +111,8 @@ def geometry_signals(complex_: Complex, xyz: ArrayLike, signals: Signals) -> Sig
     >>> geometry_signals(triangle, [[0, 0, 2], [1, 0, 2], [0, 1, 2.0]], signals).face.tolist()
     [[2.0, 0.0, 0.0, 1.0]]
     """
+    require(complex_, Complex, "complex_")
+    require(signals, Signals, "signals")
     points = np.array(real_array(xyz, "xyz", f"({complex_.n}, 3)"), np.float64)
     sizes = (len(signals.vertex), len(signals.edge), len(signals.face))
     if points.shape != (complex_.n, 3) or sizes != (complex_.n, len(complex_.edges), len(complex_.faces)):
@@ -145,8 +150,12 @@ def stack_signals(several: Sequence[Signals]) -> Signals:
     >>> stack_signals([one, one, one]).edge.shape
     (3, 3)
     """
+    if isinstance(several, Signals):
+        raise InputError("signals are one Signals, expected a sequence of them")
     if not several:
         raise InputError("no signals to stack, expected at least one")
+    for one in several:
+        require(one, Signals, "one of the signals")
     levels = {}
     for level in ("vertex", "edge", "face"):
         marks = [getattr(one, f"{level}_ok") for one in several]
@@ -163,7 +172,7 @@ def _sample(name: str, image: NDArray[Any], plane: FloatArray, uv: ArrayLike, co
     if name == "range":
         return _range(plane, uv, complex_)
     if name in ("gradient_u", "gradient_v"):
-        return sample_signals(_difference(plane, 1 if name == "gradient_u" else 0), uv, complex_)
+        return sample_signals(_difference(plane, 1 if name == "gradient_u" else 0), uv, complex_, channels="all")
     if name == "luminance":
         return sample_signals(plane, uv, complex_)
     return sample_signals(np.ascontiguousarray(image[:, :, ("red", "green", "blue").index(name)]), uv, complex_)
@@ -177,7 +186,7 @@ def _difference(plane: FloatArray, axis: int) -> FloatArray:
 def _variance(plane: FloatArray, uv: ArrayLike, complex_: Complex) -> Signals:
     """Mean of squares minus square of means, about a middle value; at least 0."""
     centred = plane - 0.5
-    mean, square = (sample_signals(values, uv, complex_) for values in (centred, centred**2))
+    mean, square = (sample_signals(values, uv, complex_, channels="all") for values in (centred, centred**2))
     edge, face = (np.maximum(getattr(square, x) - getattr(mean, x) ** 2, 0) for x in ("edge", "face"))
     edge[mean.edge_pixels < 2] = 0
     face[mean.face_pixels < 2] = 0

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import require_frame
 from ..errors import InputError
 from ..topology.complex import Complex
 from ..types import (
@@ -86,6 +87,9 @@ def check_frame(frame: FrameView) -> None:
     InputError
         If the image is empty or not an image, or lengths differ.
     """
+    require_frame(frame)
+    if not hasattr(frame, "image"):
+        raise InputError("view: the frame has no image, as a stored one, expected Session.process(pair) or a FrameView")
     shape = np.shape(frame.image)
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
         raise InputError(f"view: frame {frame.name!r} has an image of shape {shape}, expected (H, W) or (H, W, 3)")

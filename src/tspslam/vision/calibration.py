@@ -18,17 +18,17 @@ Mapping = dict[Any, Any]
 
 _LENS = ("fx", "fy", "cx", "cy")
 _SIZE = ("width", "height")
-_REQUIRED = (*_LENS, "baseline", *_SIZE)
-_OPTIONAL = ("skew", "doffs")
+_REQUIRED = (*_LENS, *_SIZE)
+_OPTIONAL = ("baseline", "skew", "doffs")
 _RAW = ("left", "right", "T_right_left")
 _SAME_BASELINE = 1e-3  # relative
 
 
 def load_rig(path: PathLike) -> Rig:
-    """Read a calibration file of a rectified pair.
+    """Read a calibration file of a rectified pair, or of a single camera.
 
     The file is a YAML mapping of plain numbers: ``fx fy cx cy baseline width height`` and, where they are not 0,
-    ``skew`` and ``doffs``. Units: px, and metres for the baseline.
+    ``skew`` and ``doffs``. Units: px, and metres for the baseline, which a single camera leaves out.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def save_cameras(cameras: Rig | RawRig, path: PathLike) -> None:
     from .._atomic import write_bytes
 
     if isinstance(cameras, Rig):
-        tree = {key: _plain(getattr(cameras, key)) for key in (*_REQUIRED, *_OPTIONAL)}
+        tree = {key: _plain(getattr(cameras, key)) for key in (*_LENS, "baseline", *_SIZE, "skew", "doffs")}
     else:
         left, right = cameras.left, cameras.right
         tree = {key: _plain(getattr(left, key)) for key in (*_LENS, *_SIZE)}

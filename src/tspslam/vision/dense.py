@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import refuse_path
 from ..errors import GeometryError, InputError
 from ..types import Cloud, Features, FloatArray, Rig
 from .features import check_plane
-from .rig import LEAST_TOTAL, back_project, covariance
+from .rig import LEAST_TOTAL, back_project, covariance, require_baseline
 
 _SMOOTH = 1.0  # px of disparity between neighbouring pixels; more is an edge, across which nothing is interpolated
 _FARTHEST_MEDIAN = 1000.0  # m; a map whose median lies beyond is in another unit
@@ -85,6 +86,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     >>> cloud_from_disparity(rig, np.full((480, 640), 25.0), [[320, 290]]).xyz.tolist()
     [[0.0, 0.2, 2.0]]
     """
+    require_baseline(rig, "disparity map")
     known = _possible(checked_map("disparity", disparity, rig), rig)
     places = _array("uv", uv)
     if places.dtype.kind not in "iuf":
@@ -161,6 +163,7 @@ def disparity_of_depth(rig: Rig, depth: ArrayLike, *, unit: float | None = None)
     >>> disparity_of_depth(rig, [[2.0, 0.0]]).tolist()
     [[25.0, nan]]
     """
+    require_baseline(rig, "depth map", "for a depth camera any will do, such as 0.1; it sets the covariance")
     values = _array("depth map", depth)
     if values.dtype.kind in "iu" and unit is None:
         raise InputError(f"depth map is {values.dtype} without a unit, expected unit=0.001 for millimetres, say")
@@ -196,6 +199,7 @@ def checked_map(what: str, values: ArrayLike, rig: Rig) -> FloatArray:
 
 
 def _array(what: str, values: ArrayLike) -> NDArray[Any]:
+    refuse_path(values, what, "an array", "tspslam.datasets.read_map(path)")
     try:
         return np.asarray(values)
     except ValueError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -170,8 +171,8 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
 def check_limits(lowest: float | None, highest: float | None) -> None:
     """Raise InputError unless both limits of disparity are None or finite, and in order."""
     for name, value in (("min_disparity", lowest), ("max_disparity", highest)):
-        if value is not None and not abs(value) <= _LARGEST_LIMIT:
-            raise InputError(f"matcher: {name} is {value}, expected px, at most {_LARGEST_LIMIT:g} either way")
+        if value is not None and not (isinstance(value, Real) and abs(value) <= _LARGEST_LIMIT):
+            raise InputError(f"matcher: {name} is {value!r}, expected px, at most {_LARGEST_LIMIT:g} either way")
     if lowest is not None and highest is not None and lowest > highest:
         raise InputError(f"matcher: min_disparity is {lowest}, expected at most max_disparity, {highest}")
 

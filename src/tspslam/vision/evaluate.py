@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import require
 from ..errors import InputError
 from ..types import FloatArray, Trajectory, real_array
 from .se3 import alignment, inverse, rotation_angle
@@ -299,6 +300,8 @@ def _matches(stamps: FloatArray, others: FloatArray, most: float) -> tuple[NDArr
 
 
 def _checked(trajectory: Trajectory, what: str) -> _Known:
+    """Stamps and poses that are known, ascending."""
+    require(trajectory, Trajectory, what)
     stamps = real_array(trajectory.stamp, f"{what}: stamp", "(T,)").astype(np.float64)
     poses = real_array(trajectory.T_world_camera, f"{what}: T_world_camera", "(T, 4, 4)").astype(np.float64)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or stamps.shape != poses.shape[:1]:

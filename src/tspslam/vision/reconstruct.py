@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import require_stage
 from ..errors import GeometryError, InputError
 from ..types import Cloud, Features, FloatArray, StereoPair
 from ._parallel import both
@@ -129,6 +130,9 @@ def reconstruct_with_quality(
     >>> quality.matched == len(cloud), abs(quality.vertical_offset_px) < 0.5
     (True, True)
     """
+    for value, what, such in ((detector, "detector", "OrbDetector()"), (matcher, "matcher", "RowMatcher()")):
+        if value is not None:
+            require_stage(value, what, such)
     seen = see(pair, detector or OrbDetector(), _choose_matcher(matcher, max_disparity, preset))
     return seen.cloud, seen.quality
 

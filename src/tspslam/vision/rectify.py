@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import require
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, Camera, FloatArray, Image, RawRig, Rig
 from ._parallel import both
@@ -104,6 +105,7 @@ def rectification(raw: RawRig) -> Rectification:
     >>> round(made.rig.baseline, 9), made.rig.doffs
     (0.1, 0.0)
     """
+    require(raw, RawRig, "rig")
     _check_geometry(raw)
     for side, camera in (("left", raw.left), ("right", raw.right)):
         _check_distortion(side, camera)

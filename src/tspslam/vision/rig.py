@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._checks import check_luminance, check_pixels, require
 from ..errors import InputError
-from ..types import FloatArray, Rig, StereoPair
+from ..types import FloatArray, Rig, StereoPair, real_array
 from .calibration import load_rig as load_rig
 from .calibration import save_cameras as save_cameras
 
@@ -18,7 +19,6 @@ _WIDEST_BASELINE = 5.0  # m, of a pair that a person or a car carries
 _SHORTEST_FOCAL = 0.1  # of a side of the image: a field of view of 157 degrees, which no pinhole lens has
 LEAST_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
 _FARTHEST = 1e9  # px
-_DTYPES = (np.uint8, np.uint16, np.float32, np.float64)
 
 
 def back_project(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> FloatArray:
@@ -85,7 +85,8 @@ def project(rig: Rig, xyz: ArrayLike) -> FloatArray:
     >>> project(rig, [[0, 0.2, 2], [0, 0, -1]]).tolist()
     [[320.0, 290.0], [nan, nan]]
     """
-    points = np.asarray(xyz, np.float64)
+    require(rig, Rig, "project: rig")
+    points = real_array(xyz, "project: xyz", "(N, 3)").astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"project: xyz has shape {points.shape}, expected (N, 3)")
     seen = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
@@ -155,7 +156,9 @@ def _jacobian(rig: Rig, pixels: FloatArray, total: FloatArray) -> FloatArray:
 
 
 def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    pixels, shifts = np.asarray(uv, np.float64), np.asarray(disparity, np.float64)
+    require_baseline(rig, "back-projection")
+    pixels = real_array(uv, "uv", "(N, 2)").astype(np.float64)
+    shifts = real_array(disparity, "disparity", "(N,)").astype(np.float64)
     if pixels.ndim != 2 or pixels.shape[1] != 2 or shifts.shape != (len(pixels),):
         raise InputError(f"uv has shape {pixels.shape} and disparity {shifts.shape}, expected (N, 2) and (N,)")
     if not (np.isfinite(pixels).all() and np.isfinite(shifts).all()):
@@ -193,14 +196,21 @@ def doubts(rig: Rig) -> list[str]:
     return found
 
 
+def require_baseline(rig: Rig, what: str, why: str = "z = fx · baseline / disparity") -> None:
+    """Raise InputError where disparities are to become depths, or the reverse, and the rig is a single camera."""
+    require(rig, Rig, f"{what}: rig")
+    if not rig.baseline > 0:
+        raise InputError(f"{what}: the rig has no baseline (a single camera), expected one, m: {why}")
+
+
 def check_pair(pair: StereoPair) -> None:
     """Check that a pair can be worked on.
 
     Parameters
     ----------
     pair : StereoPair
-        Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says; a finite
-        stamp.
+        Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says, which has
+        a baseline; a finite stamp.
 
     Raises
     ------
@@ -212,6 +222,8 @@ def check_pair(pair: StereoPair) -> None:
     >>> rig = Rig(fx=500, fy=500, cx=32, cy=24, baseline=0.1, width=64, height=48)
     >>> check_pair(StereoPair(np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8), rig))
     """
+    require(pair, StereoPair, "pair")
+    require_baseline(pair.rig, pair.name)
     if not isinstance(pair.stamp, int | float | np.number) or not np.isfinite(pair.stamp):
         raise InputError(f"{pair.name}: its stamp is {repr(pair.stamp)[:40]}, expected seconds")
     for side, image in (("left", pair.left), ("right", pair.right)):
@@ -233,18 +245,13 @@ def check_pair(pair: StereoPair) -> None:
 
 def check_image(what: str, image: NDArray[Any]) -> None:
     """Raise InputError unless an image is grey or RGB, of a type that is known, not too large, and in its range."""
-    if not isinstance(image, np.ndarray) or image.dtype not in _DTYPES:
-        kind = getattr(image, "dtype", type(image).__name__)
-        raise InputError(f"{what} is {kind}, expected an array of uint8, uint16 or float")
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or image.size == 0:
+    check_pixels(what, image)
+    if image.ndim == 3 and image.shape[2] != 3:
         raise InputError(f"{what} has shape {image.shape}, expected (H, W) or (H, W, 3)")
     height, width = image.shape[:2]
     if max(height, width) > LARGEST_SIDE or height * width > LARGEST_AREA:
         raise InputError(f"{what} is {_size(image)}, expected at most {LARGEST_SIDE} a side and {LARGEST_AREA} in all")
-    if image.dtype.kind == "f":
-        low, high = float(image.min()), float(image.max())
-        if not (low >= 0 and high <= 1):
-            raise InputError(f"{what} has values from {low:g} to {high:g}, expected 0 to 1 (float images), all finite")
+    check_luminance(what, image)
 
 
 def _size(image: NDArray[Any]) -> str:

@@ -18,7 +18,8 @@ def visible_uv(
     """Pixels at which the left camera sees points, as `project`; NaN also for those that others hide.
 
     A depth buffer of the image's size takes the nearest depth at each pixel: of the faces, drawn as they stand in
-    space, or, without faces, of every point drawn as a square. A point is seen if it is not farther than that.
+    space, or, without faces, of every point drawn as a square. A point is seen if it is not farther than that. Points
+    may be all around the camera: those with z <= 0 are NaN, and a face with such a corner hides nothing.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from numbers import Integral
 from typing import Any
 
+from ..._checks import require_path
 from ..._files import PathLike, bad_input
 from ..._text import read_text
 from ..._yaml import LARGEST_FILE
@@ -36,7 +37,7 @@ _YAML: tuple[tuple[Callable[[Source], bool], _Reader], ...] = (
 
 
 def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Calibration:
-    """Read a stereo calibration of ours or of another program.
+    """Read a stereo calibration of ours or of another program; ours may also be of a single camera, without a baseline.
 
     Known are KITTI's ``calib.txt`` and ``calib_cam_to_cam.txt``, EuRoC's ``sensor.yaml``, OpenCV's FileStorage YAML,
     Kalibr's camera chain, ORB-SLAM's settings, and our own files. The content tells which it is, not the name.
@@ -72,6 +73,7 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     ('KITTI odometry calib.txt', 0.5, 'P1[0,3] / -P1[0,0]')
     """
     pixels = _checked_size(size)
+    require_path(path, "calibration")
     if os.path.isdir(path):
         path = left_file(path)
     text = read_text(path, _EXPECTED, LARGEST_FILE)
@@ -86,8 +88,16 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     raise bad_input(path, f"holds no calibration that is known (its keys: {keys})", _EXPECTED)
 
 
+def read_stereo(path: PathLike, size: tuple[int, int] | None = None) -> Rig | RawRig:
+    """Read as `read_calibration` the cameras of a pair; a single one is an `InputError`."""
+    cameras = read_calibration(path, size).cameras
+    if isinstance(cameras, Rig) and not cameras.baseline:
+        raise bad_input(path, "has no baseline", "that of a pair of cameras, m")
+    return cameras
+
+
 def read_rectified(path: PathLike, size: tuple[int, int] | None = None) -> Rig:
-    """Read as `read_calibration` the cameras of a rectified pair; those of a raw one are an `InputError`."""
+    """Read as `read_calibration` a rectified pair or a single camera; those of a raw one are an `InputError`."""
     cameras = read_calibration(path, size).cameras
     if isinstance(cameras, RawRig):
         raise InputError(f"{path}: describes raw cameras, expected a rectified one, as the image must be")
