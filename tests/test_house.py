@@ -25,7 +25,7 @@ BELOW = {  # what each room may import, besides itself
     | GROUND,
     "calibrating": {"vision"} | GROUND,
     "evaluating": {"datasets", "io", "vision"} | GROUND,
-    "filtering": {"doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,
+    "filtering": {"datasets", "doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,
     "doors": {"io", "vision", "topology"} | GROUND,
     "pipeline": {"config", "journey", "records", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,
     "journey": {"merging", "records", "session", "io", "vision", "topology"} | GROUND,

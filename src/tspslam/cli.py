@@ -40,6 +40,9 @@ PresetOption = Annotated[str, typer.Option(help="Where settings start: default, 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
 OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images, where the file has none.")]
+BitsOption = Annotated[
+    int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found in the images].")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -49,9 +52,13 @@ def run_command(
         list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
-    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, .npy).")] = None,
+    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
     unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
+    unknown: Annotated[
+        float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
+    ] = None,
+    bits: BitsOption = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
@@ -70,11 +77,12 @@ def run_command(
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     if depth or disparity:
-        pairs = _open_map(source or [], calib, depth, disparity, unit)
-    elif unit is not None:
-        raise typer.BadParameter("goes with --depth or --disparity", param_hint="--unit")
+        pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
+    elif unit is not None or unknown is not None:
+        hint = "--unknown" if unit is None else "--unit"
+        raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
-        pairs = _open_source(source or [], calib)
+        pairs = _open_source(source or [], calib, bits)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     _announce_compilation()
@@ -88,6 +96,7 @@ def filter_command(
     mesh: Annotated[Path, typer.Argument(help="PLY, OBJ or VTU mesh, in the camera's frame, metres.")],
     image: Annotated[Path, typer.Option(help="Image that the camera took.")],
     calib: Annotated[Path, typer.Option(help="Calibration file.")],
+    bits: BitsOption = None,
     out: OutOption = None,
     order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
     centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
@@ -99,7 +108,7 @@ def filter_command(
 
     _announce_compilation()
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    _finish(filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage), as_json)
+    _finish(filter_mesh(mesh, image, calib, out or Path("runs") / f"{mesh.stem}-filter", stage, bits=bits), as_json)
 
 
 @app.command("export")
@@ -309,25 +318,27 @@ def _note(text: str) -> None:
         typer.echo(text, err=True)
 
 
-def _open_source(paths: list[Path], calib: Path | None) -> Source:
+def _open_source(paths: list[Path], calib: Path | None, bits: int | None) -> Source:
     from . import datasets
     from .pipeline import OnePair
 
     if len(paths) == 2:
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-        return OnePair(datasets.pair_from_files(paths[0], paths[1], calib))
+        return OnePair(datasets.pair_from_files(paths[0], paths[1], calib, bits=bits))
     if not paths and calib is not None:
         raise typer.BadParameter("goes with a pair of files or a folder", param_hint="--calib")
+    if not paths and bits is not None:
+        raise typer.BadParameter("goes with images", param_hint="--bits")
     if not paths:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib)
+    return datasets.open_sequence(paths[0], calib=calib, bits=bits)
 
 
 def _open_map(
-    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, unit: float | None
+    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, said: dict[str, Any]
 ) -> Source:
     from . import datasets
     from .pipeline import OnePair
@@ -338,7 +349,7 @@ def _open_map(
         wanted = "one image, --calib, and either --depth or --disparity"
         raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
     kind, path = maps[0]
-    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, unit=unit))
+    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, **said))
 
 
 def _frame_range(text: str | None, count: int) -> range:

@@ -6,16 +6,19 @@ from pathlib import Path
 from typing import Any
 
 from ._files import one_line
+from .datasets import read_levelled
 from .doors.meshes import from_arrays
 from .errors import InputError
-from .io import RunFolder, StoredFrame, read_image, read_mesh, write_frame
+from .io import RunFolder, StoredFrame, read_mesh, write_frame
 from .pipeline import RunResult, finish
-from .records import array_hash, hash_of, machine, versions
+from .records import array_hash, hash_of, machine, pixel_warnings, versions
 from .topology.harmonic import Tmahf
 from .vision.formats import read_rectified
 
 
-def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf) -> RunResult:
+def filter_mesh(
+    mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf, *, bits: int | None = None
+) -> RunResult:
     """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
 
     Parameters
@@ -30,6 +33,8 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
         The run folder to fill.
     stage : Tmahf
         The filter.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16; found by default.
 
     Returns
     -------
@@ -42,7 +47,7 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     OutputError
         If something cannot be written.
     """
-    pixels = read_image(image)
+    pixels, used = read_levelled(image, bits)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:
@@ -56,17 +61,18 @@ def filter_mesh(mesh: Path, image: Path, calibration: Path, out: Path, stage: Tm
     with RunFolder.create(out, settings) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
-        record = _filter_record(frame)
+        record = _filter_record(frame, used)
         finish(folder, [path], pixels, frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)
 
 
-def _filter_record(frame: StoredFrame) -> dict[str, Any]:
+def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
     hidden = int((~frame.signals.vertex_ok).sum())
     where = "hidden, outside the image or behind the camera"
     message = f"{hidden} of {len(frame.cloud)} vertices are {where} and have no signal"
+    unseen = [{"code": "unseen_vertices", "message": message}] if hidden else []
     sizes = {"n": len(frame.cloud), "edges": len(frame.complex_.edges), "faces": len(frame.complex_.faces)}
     return {
         "status": "complete",
@@ -74,6 +80,7 @@ def _filter_record(frame: StoredFrame) -> dict[str, Any]:
         "frames": 1,
         "complex": sizes | {"euler": frame.complex_.euler},
         "defined": int(frame.response.defined.sum()),
-        "warnings": [{"code": "unseen_vertices", "message": message}] if hidden else [],
+        **({"bits": bits} if bits else {}),
+        "warnings": [*unseen, *pixel_warnings(bits)],
         "versions": versions(),
     }

@@ -16,7 +16,7 @@ from .utias import UtiasRun
 Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
 
 
-def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
+def open_sequence(path: PathLike, *, calib: PathLike | None = None, bits: int | None = None) -> Sequence:
     """Open a folder or a bag of stereo pairs with the reader of its layout.
 
     Parameters
@@ -27,6 +27,8 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
         files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file.
     calib : str or path, optional
         Calibration of a plain folder or a UTIAS run; the other layouts bring their own.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Returns
     -------
@@ -50,18 +52,18 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None) -> Sequence:
         return any((folder / name).is_dir() for name in names)
 
     if has("left", "right"):
-        return StereoFolder(folder, calib)
+        return StereoFolder(folder, calib, bits=bits)
     if has("images/left", "images/right"):
-        return UtiasRun(folder, calib)
+        return UtiasRun(folder, calib, bits=bits)
     bag = is_bag(folder)
     if calib is not None and (bag or has("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")):
         raise InputError(f"{folder}: brings its own calibration, expected none beside it ({calib})")
     if bag:
-        return RosbagSequence(folder)
+        return RosbagSequence(folder, bits=bits)
     if has("mav0", "cam0"):
-        return EurocSequence(folder)
+        return EurocSequence(folder, bits=bits)
     if has("image_0", "image_2", "image_00", "image_02"):
-        return KittiSequence(folder, colour=not has("image_0", "image_00"))
+        return KittiSequence(folder, colour=not has("image_0", "image_00"), bits=bits)
     said = "has none of the known layouts" if folder.is_dir() else "is no folder"
     raise InputError(
         f"{folder}: {said}, expected one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, "

@@ -13,9 +13,10 @@ from typing import Any
 
 from .._files import PathLike, bad_input, one_line, open_input, reason_of
 from ..errors import InputError
-from ..types import FloatArray, RawRig, Rig, StereoPair
+from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
+from ._levels import Levels
 from ._pairing import NANOSECONDS, check_stamps, checked_index, name_of, pair_by_stamp, path_of, seconds, some
 from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, cameras, image_of, info_topic, is_rectified, sides
 
@@ -46,6 +47,8 @@ class RosbagSequence:
         Topics of the images. By default the two whose names differ only in left and right, cam0 and cam1, camera0
         and camera1, infra1 and infra2, image_0 and image_1 or image_00 and image_01; those with a ``CameraInfo`` go
         before those without, then rectified images before raw ones, then uncompressed before compressed ones.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Attributes
     ----------
@@ -77,7 +80,9 @@ class RosbagSequence:
     topics: tuple[str, str]
     unpaired: list[str]
 
-    def __init__(self, path: PathLike, *, left: str | None = None, right: str | None = None) -> None:
+    def __init__(
+        self, path: PathLike, *, left: str | None = None, right: str | None = None, bits: int | None = None
+    ) -> None:
         self.path = path_of(path)
         self._bag = _Bag(self.path)
         kinds = self._bag.kinds
@@ -88,6 +93,7 @@ class RosbagSequence:
         files = [{stamp: Path(str(stamp)) for stamp in times} for times in self._times]
         paired = some(pair_by_stamp(files[0], files[1], self.topics), self.path, "images with stamps in common")
         self._pairs = [(int(first.name), int(second.name)) for first, second in paired.files]
+        self._levels = Levels(self._images, len(self._pairs), bits)
         self.stamps = paired.stamps
         self.unpaired = paired.unpaired + again
 
@@ -102,13 +108,13 @@ class RosbagSequence:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a message is bad."""
         index = checked_index(index, len(self))
-        stamps = self._pairs[index]
-        read = zip(self.topics, stamps, self._times, strict=True)
-        left, right = (self._bag.image(topic, stamp, times[stamp]) for topic, stamp, times in read)
+        stored = list(self._images(index))
         try:
+            left, right = self._levels(stored)
             if self._rectify:
                 left, right = self._rectify(left, right)
-            pair = StereoPair(left, right, self.rig, float(self.stamps[index]), index, str(stamps[0]))
+            name, bits = str(self._pairs[index][0]), self._levels.bits_of(left)
+            pair = StereoPair(left, right, self.rig, float(self.stamps[index]), index, name, bits=bits)
             check_pair(pair)
         except InputError as error:
             raise InputError(one_line(f"{self.path}: {error}")) from error
@@ -117,6 +123,11 @@ class RosbagSequence:
     def __iter__(self) -> Iterator[StereoPair]:
         """Read one pair after another."""
         return (self[index] for index in range(len(self)))
+
+    def _images(self, index: int) -> Iterator[Image]:
+        """Both images of a pair as they are in the bag."""
+        read = zip(self.topics, self._pairs[index], self._times, strict=True)
+        return (self._bag.image(topic, stamp, times[stamp]) for topic, stamp, times in read)
 
 
 class _Bag:
