@@ -27,7 +27,7 @@ Warning_ = dict[str, str]
 # frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
 # 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
 _FEW = 0.08
-_AREA = 100.0  # px² for each keypoint that an image should have; ORB finds up to one in 21
+_AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
 
 class JourneyLike(Protocol):
