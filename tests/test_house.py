@@ -26,7 +26,7 @@ BELOW = {  # what each room may import, besides itself
     "calibrating": {"vision"} | GROUND,
     "evaluating": {"datasets", "io", "vision"} | GROUND,
     "filtering": {"datasets", "doors", "pipeline", "records", "io", "vision", "topology"} | GROUND,
-    "doors": {"io", "vision", "topology"} | GROUND,
+    "doors": {"datasets", "io", "vision", "topology"} | GROUND,
     "pipeline": {"config", "journey", "records", "session", "io", "datasets", "view", "vision", "topology"} | GROUND,
     "journey": {"merging", "records", "session", "io", "vision", "topology"} | GROUND,
     "merging": {"io", "topology"} | GROUND,

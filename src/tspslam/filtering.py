@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ._files import one_line
-from .datasets import read_levelled
+from .datasets.maps import read_levelled
 from .doors.meshes import from_arrays
 from .errors import InputError
 from .io import RunFolder, StoredFrame, read_mesh, write_frame

@@ -206,7 +206,8 @@ class StereoPair:
     Attributes
     ----------
     left, right : (H, W) or (H, W, 3) array
-        uint8, uint16, or float32 in [0, 1]; colour is RGB.
+        uint8, uint16 (65535 is white: readers of files move pixels of fewer bits up), or float32 in [0, 1]; colour is
+        RGB.
     rig : Rig
         The cameras that took it.
     stamp : float

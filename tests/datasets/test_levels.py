@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tspslam.datasets import StereoFolder, open_sequence, pair_from_files, read_levelled
+from tspslam.datasets import StereoFolder, open_sequence, pair_from_files
 from tspslam.datasets._levels import Levels, used_bits
+from tspslam.datasets.maps import read_levelled
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.vision.calibration import save_cameras

@@ -7,7 +7,6 @@ from .folder import pair_from_files as pair_from_files
 from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
 from .maps import pair_from_map as pair_from_map
-from .maps import read_levelled as read_levelled
 from .maps import read_map as read_map
 from .rosbag import RosbagSequence as RosbagSequence
 from .samples import motorcycle as motorcycle
@@ -25,7 +24,6 @@ __all__ = [
     "open_sequence",
     "pair_from_files",
     "pair_from_map",
-    "read_levelled",
     "read_map",
     "synthetic",
 ]
