@@ -47,6 +47,9 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of 
 TopicsOption = Annotated[
     tuple[str, str] | None, typer.Option(metavar="LEFT RIGHT", help="Topics of a bag with the images.")
 ]
+BitsOption = Annotated[
+    int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found in the images].")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -57,9 +60,13 @@ def run_command(
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     topics: TopicsOption = None,
-    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, .npy).")] = None,
+    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
     unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
+    unknown: Annotated[
+        float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
+    ] = None,
+    bits: BitsOption = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
@@ -80,11 +87,12 @@ def run_command(
     if topics and (depth or disparity or len(source or []) != 1):
         raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
     if depth or disparity:
-        pairs = _open_map(source or [], calib, depth, disparity, unit)
-    elif unit is not None:
-        raise typer.BadParameter("goes with --depth or --disparity", param_hint="--unit")
+        pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
+    elif unit is not None or unknown is not None:
+        hint = "--unknown" if unit is None else "--unit"
+        raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
-        pairs = _open_source(source or [], calib, topics)
+        pairs = _open_source(source or [], calib, topics, bits)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     _check_folder(target, *(source or []), calib, depth, disparity)
@@ -99,6 +107,7 @@ def filter_command(
     mesh: Annotated[Path, typer.Argument(help="PLY, OBJ or VTU mesh, in the camera's frame, metres.")],
     image: Annotated[Path, typer.Option(help="Image that the camera took.")],
     calib: Annotated[Path, typer.Option(help="Calibration file.")],
+    bits: BitsOption = None,
     out: OutOption = None,
     order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
     centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
@@ -113,7 +122,7 @@ def filter_command(
     target = out or Path("runs") / f"{mesh.stem}-filter{'-merged' if merge else ''}"
     _check_folder(target, mesh, image, calib)
     _announce_compilation()
-    _finish(filter_mesh(mesh, image, calib, target, stage, merge=merge), as_json)
+    _finish(filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits), as_json)
 
 
 @app.command("export")
@@ -347,25 +356,27 @@ def _complain(line: str, code: int) -> int:
     return code
 
 
-def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None) -> Source:
+def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
     from . import datasets
     from .pipeline import OnePair
 
     if len(paths) == 2:
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-        return OnePair(datasets.pair_from_files(paths[0], paths[1], calib))
+        return OnePair(datasets.read_pair(paths[0], paths[1], calib, bits=bits))
     if not paths and calib is not None:
         raise typer.BadParameter("goes with a pair of files or a folder", param_hint="--calib")
+    if not paths and bits is not None:
+        raise typer.BadParameter("goes with images", param_hint="--bits")
     if not paths:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics)
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits)
 
 
 def _open_map(
-    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, unit: float | None
+    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, said: dict[str, Any]
 ) -> Source:
     from . import datasets
     from .pipeline import OnePair
@@ -376,7 +387,7 @@ def _open_map(
         wanted = "one image, --calib, and either --depth or --disparity"
         raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
     kind, path = maps[0]
-    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, unit=unit))
+    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, **said))
 
 
 def _frame_range(text: str | None, count: int) -> range:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._files import one_line
+from .datasets.maps import read_levelled
 from .doors.meshes import Textured, doubts_of_mesh, from_arrays
 from .errors import InputError
-from .io import RunFolder, StoredFrame, merge_corners, read_image, read_mesh, write_frame
+from .io import RunFolder, StoredFrame, merge_corners, read_mesh, write_frame
 from .io.mesh import repeated_corners
 from .pipeline import RunResult, finish
-from .records import array_hash, hash_of, machine, versions
+from .records import array_hash, hash_of, machine, pixel_warnings, versions
 from .topology.complex import Complex
 from .topology.harmonic import Tmahf
 from .types import FloatArray
@@ -24,7 +25,14 @@ from .vision.rig import doubts
 
 
 def filter_mesh(
-    mesh: Path, image: Path, calibration: Path, out: Path, stage: Tmahf, *, merge: bool = False
+    mesh: Path,
+    image: Path,
+    calibration: Path,
+    out: Path,
+    stage: Tmahf,
+    *,
+    merge: bool = False,
+    bits: int | None = None,
 ) -> RunResult:
     """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
 
@@ -43,6 +51,8 @@ def filter_mesh(
     merge : bool
         Make one vertex of those with equal coordinates first, as `tspslam.io.merge_corners`. A mesh whose faces share
         no edge is filtered as it is, and the run is degraded.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16; found by default.
 
     Returns
     -------
@@ -55,7 +65,7 @@ def filter_mesh(
     OutputError
         If something cannot be written.
     """
-    pixels = read_image(image)
+    pixels, used = read_levelled(image, bits)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     if merge:
@@ -71,7 +81,7 @@ def filter_mesh(
     with RunFolder.create(out, settings) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
-        record = _filter_record(frame)
+        record = _filter_record(frame, used)
         finish(folder, [path], pixels, frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
@@ -85,7 +95,7 @@ def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[Floa
     return xyz, faces
 
 
-def _filter_record(frame: StoredFrame) -> dict[str, Any]:
+def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
     edges, faces = frame.complex_.edges, frame.complex_.faces
     sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
@@ -94,7 +104,11 @@ def _filter_record(frame: StoredFrame) -> dict[str, Any]:
         "frames": 1,
         "complex": sizes | {"euler": frame.complex_.euler},
         "defined": int(frame.response.defined.sum()),
-        "warnings": [{"code": code, "message": message} for code, message in _warnings(frame)],
+        **({"bits": bits} if bits else {}),
+        "warnings": [
+            *({"code": code, "message": message} for code, message in _warnings(frame)),
+            *pixel_warnings(bits),
+        ],
         "versions": versions(),
     }
 

@@ -205,7 +205,8 @@ class StereoPair:
     Attributes
     ----------
     left, right : (H, W) or (H, W, 3) array
-        uint8, uint16, or float32 in [0, 1]; colour is RGB.
+        uint8, uint16 (65535 is white: readers of files move pixels of fewer bits up), or float32 in [0, 1]; colour is
+        RGB.
     rig : Rig
         The cameras that took it.
     stamp : float
@@ -217,6 +218,10 @@ class StereoPair:
     disparity : (H, W) float array or None
         Disparities of the left image that something else has measured (an RGB-D camera, a network), px; NaN where not
         known. Where there is one, `right` is not looked at.
+    bits : int or None
+        Of 16-bit pixels that were read from a file: how many of their bits it uses; they now fill the range.
+    unknown : tuple of float
+        Values in the file of disparities or depths that were taken for "not known", besides 0 in whole numbers.
 
     Raises
     ------
@@ -231,6 +236,8 @@ class StereoPair:
     index: int = 0
     name: str = "pair"
     disparity: FloatArray | None = None
+    bits: int | None = None
+    unknown: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for side in ("left", "right"):

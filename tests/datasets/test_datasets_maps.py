@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -147,3 +149,116 @@ def test_raw_cameras_have_no_map(folder: Path) -> None:
     np.save(folder / "map.npy", np.ones((10, 20)))
     with pytest.raises(InputError, match="describes raw cameras"):
         pair_from_map(*files(folder, "map.npy"))
+
+
+def save(path: Path, values: np.ndarray) -> Path:
+    """A map in the format of its suffix."""
+    if path.suffix == ".npy":
+        np.save(path, values)
+    elif path.suffix == ".pfm":
+        path.write_bytes(b"Pf\n20 10\n-1.0\n" + values[::-1].astype("<f4").tobytes())
+    else:
+        Image.fromarray(values).save(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["map.tif", "map.pfm", "map.npy"])
+@pytest.mark.parametrize("kind", ["depth", "disparity"])
+def test_maps_of_floats_are_read_without_a_unit(folder: Path, name: str, kind: Literal["depth", "disparity"]) -> None:
+    values = np.linspace(1, 4, 200, dtype=np.float32).reshape(10, 20)
+    values[2, 3] = np.inf
+    pair = pair_from_map(*files(folder, save(folder / name, values).name), kind=kind)
+    wanted = 5 / values.astype(float) if kind == "depth" else values.astype(float)
+    wanted[2, 3] = np.nan
+    assert pair.disparity is not None
+    np.testing.assert_allclose(pair.disparity, wanted)
+    assert pair.unknown == ()
+
+
+def test_a_map_in_a_pgm_has_the_numbers_of_the_file(folder: Path) -> None:
+    values = np.linspace(500, 9000, 200).astype(np.uint16).reshape(10, 20)
+    for most in (9000, 65_535):
+        (folder / "map.pgm").write_bytes(b"P5\n20 10\n%d\n" % most + values.astype(">u2").tobytes())
+        np.testing.assert_array_equal(read_map(folder / "map.pgm"), values)
+
+
+def test_a_map_of_signed_numbers_is_read_from_a_tiff(folder: Path) -> None:
+    values = np.arange(-16, 184, dtype=np.int32).reshape(10, 20)
+    Image.fromarray(values).save(folder / "map.tif")
+    np.testing.assert_array_equal(read_map(folder / "map.tif"), values)
+
+
+def varied(low: float, high: float, dtype: type = np.float32) -> np.ndarray:
+    return np.linspace(low, high, 200).astype(dtype).reshape(10, 20)
+
+
+def marked(values: np.ndarray, marker: float) -> np.ndarray:
+    values = values.copy()
+    values[4:6] = marker
+    return values
+
+
+MARKERS = {
+    "OpenCV's, in sixteenths": ("disparity", marked(varied(16, 320, np.int16), -16), 1 / 16, (-16.0,)),
+    "OpenCV's, in px": ("disparity", marked(varied(1, 20), -1.0), None, (-1.0,)),
+    "OpenCV's, on a wall and a box": ("disparity", marked(np.full((10, 20), 320, np.int16), -16), 1 / 16, (-16.0,)),
+    "OpenCV's, of disparities from 16 px": ("disparity", marked(varied(256, 320, np.int16), 240), 1 / 16, (240.0,)),
+    "0 px in floats": ("disparity", marked(varied(1, 20), 0.0), None, (0.0,)),
+    "the largest of 16 bits": ("depth", marked(varied(900, 4000, np.uint16), 65_535), 0.001, (65_535.0,)),
+    "the largest of 16 bits, once": ("depth", np.where(varied(0, 1) == 1, 65_535, 1000).astype(np.uint16), 0.001,
+                                     (65_535.0,)),
+    "the largest of 8 bits": ("disparity", marked(varied(3, 19, np.uint8), 255), 1.0, (255.0,)),
+    "nines": ("depth", marked(varied(0.9, 4), 9999.0), None, (9999.0,)),
+    "the end of a sensor's reach": ("depth", marked(varied(0.9, 4), 4.0), None, (4.0,)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MARKERS)
+def test_a_value_at_an_end_that_is_too_common_is_unknown_and_said(folder: Path, name: str) -> None:
+    kind, values, unit, unknown = MARKERS[name]
+    save_cameras(replace(RIG, doffs=20.0), folder / "calib.yaml")  # so that -1 px has a depth
+    np.save(folder / "map.npy", values)
+    pair = pair_from_map(*files(folder, "map.npy"), kind=kind, unit=unit)
+    assert pair.unknown == unknown
+    assert pair.disparity is not None
+    np.testing.assert_array_equal(np.isnan(pair.disparity), np.isin(values, unknown))
+
+
+SURFACE = {
+    "true negative disparities": varied(-12, 20),
+    "one of them at the end": marked(varied(-12, 20), -12.0)[:, :1].repeat(20, 1),
+    "a wall": np.full((10, 20), -1.0, np.float32),
+    "a wall and a box": marked(np.full((10, 20), 5.0, np.float32), 12.0),
+    "whole px": np.rint(varied(1, 9)),
+}
+
+
+@pytest.mark.parametrize("name", SURFACE)
+def test_what_is_not_too_common_is_surface(folder: Path, name: str) -> None:
+    save_cameras(replace(RIG, doffs=20.0), folder / "calib.yaml")
+    np.save(folder / "map.npy", SURFACE[name])
+    pair = pair_from_map(*files(folder, "map.npy"), kind="disparity")
+    assert pair.unknown == ()
+    np.testing.assert_array_equal(pair.disparity, SURFACE[name])
+
+
+@pytest.mark.parametrize(("unknown", "gone"), [(7.0, 7.0), (float("nan"), None)])
+def test_the_unknown_value_that_is_given_is_the_only_one(folder: Path, unknown: float, gone: float | None) -> None:
+    values = marked(varied(1, 20), 0.0)
+    values[0, :3] = 7.0
+    save_cameras(replace(RIG, doffs=20.0), folder / "calib.yaml")
+    np.save(folder / "map.npy", values)
+    pair = pair_from_map(*files(folder, "map.npy"), kind="disparity", unknown=unknown)
+    assert pair.disparity is not None
+    assert pair.unknown == ()
+    np.testing.assert_array_equal(np.isnan(pair.disparity), values == gone)
+
+
+def test_the_image_of_a_map_fills_its_range_too(folder: Path) -> None:
+    stored = np.linspace(0, 4095, 200).astype(np.uint16).reshape(10, 20)
+    Image.fromarray(stored).save(folder / "left.png")
+    np.save(folder / "map.npy", varied(1, 4))
+    for bits, scale in ((None, 16), (14, 4)):
+        pair = pair_from_map(*files(folder, "map.npy"), bits=bits)
+        assert pair.bits == (bits or 12)
+        np.testing.assert_array_equal(pair.left, stored * scale)

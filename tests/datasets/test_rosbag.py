@@ -209,6 +209,19 @@ def test_a_bag_is_a_sequence_of_pairs(tmp_path, pairs, kind):
     one_line_error(lambda: sequence["0"], "expected a whole number from -3 to 2")
 
 
+@pytest.mark.parametrize("make", ["raw_image", "packed_image"])
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_the_bits_of_a_bag_s_pixels_are_found_or_taken(tmp_path, pairs, kind, make):
+    ros, to_16 = KINDS[kind], lambda image: image.astype(np.uint16) * 16 + 1  # a camera of 12 bits
+    given = [replace(pair, left=to_16(pair.left), right=to_16(pair.right)) for pair in pairs]
+    topics = (LEFT, RIGHT) if make == "raw_image" else (f"{LEFT}/compressed", f"{RIGHT}/compressed")
+    path = write(tmp_path / ros.name, ros, drive(ros, given, topics, make=globals()[make]))
+    for bits, scale in ((None, 16), (14, 4)):
+        pair = open_sequence(path, bits=bits)[1]
+        assert pair.bits == (bits or 12)
+        np.testing.assert_array_equal(pair.left, given[1].left * scale)
+
+
 @pytest.mark.parametrize(("kind", "suffix"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
 def test_a_bare_file_of_a_ros_2_bag_is_read(tmp_path, pairs, kind, suffix):
     write(tmp_path / "drive", KINDS[kind], drive(KINDS[kind], pairs))

@@ -9,6 +9,7 @@ from PIL import Image
 from tspslam import InputError, Rig, build_complex, delaunay_surface, merge_cells, reconstruct, sample_signals
 from tspslam.doors import from_arrays, from_colmap, from_file, from_toponetx, from_trimesh, to_toponetx
 from tspslam.doors.meshes import doubts_of_mesh
+from tspslam.io import write_ply, write_png
 from tspslam.vision.calibration import save_cameras
 from tspslam.vision.rig import project
 
@@ -194,3 +195,12 @@ def test_what_toponetx_cannot_hold_or_we_cannot_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "toponetx", None)
     with pytest.raises(InputError, match="TopoNetX is not installed"):
         to_toponetx(build_complex([], 2))
+
+
+def test_the_signal_of_a_camera_of_12_bits_is_that_of_its_range(tmp_path):
+    write_ply(tmp_path / "mesh.ply", np.array([[-0.1, -0.1, 5], [0.1, -0.1, 5], [0, 0.1, 5.0]]), np.array([[0, 1, 2]]))
+    save_cameras(Rig(fx=50, fy=50, cx=20, cy=15, baseline=1, width=40, height=30), tmp_path / "calib.yaml")
+    write_png(tmp_path / "white.png", np.full((30, 40), 4095, np.uint16))
+    files = tmp_path / "mesh.ply", tmp_path / "white.png", tmp_path / "calib.yaml"
+    for bits, wanted in ((None, 1.0), (14, 0.25)):
+        np.testing.assert_allclose(from_file(*files, bits=bits).signals.vertex, wanted, atol=1e-3)

@@ -170,7 +170,7 @@ def test_grey_that_16_bits_cannot_hold_is_refused(tmp_path, value):
 
 
 def test_floating_point_pixels_are_refused(tmp_path):
-    with pytest.raises(InputError, match="floating-point"):
+    with pytest.raises(InputError, match=r"floating-point pixels, as maps of depth do \(--depth, --disparity\)"):
         read_image(saved(tmp_path, encoded("F", "TIFF")))
 
 
@@ -284,3 +284,80 @@ def test_the_size_is_read_from_the_header_alone(tmp_path):
         (tmp_path / "b.png").write_bytes(bad)
         with pytest.raises(InputError, match=r"b\.png"):
             image_size(tmp_path / "b.png")
+
+
+def deep(tmp_path, name, array):
+    """A file of 16-bit colour, or of colour and alpha."""
+    import cv2
+
+    order = [2, 1, 0, *range(3, array.shape[2])]
+    assert cv2.imwrite(str(tmp_path / name), array[..., order])
+    return tmp_path / name
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.ppm"])
+@pytest.mark.parametrize("bits", [12, 16])
+def test_colour_of_16_bits_keeps_all_of_them(tmp_path, name, bits):
+    array = np.random.default_rng(0).integers(0, 1 << bits, (7, 5, 3)).astype(np.uint16)
+    back = read_image(deep(tmp_path, name, array))
+    assert back.dtype == np.uint16
+    assert back.flags.c_contiguous
+    np.testing.assert_array_equal(back, array)
+
+
+def test_alpha_of_16_bits_is_dropped(tmp_path):
+    array = np.random.default_rng(0).integers(0, 4096, (7, 5, 4)).astype(np.uint16)
+    np.testing.assert_array_equal(read_image(deep(tmp_path, "a.png", array)), array[..., :3])
+
+
+def test_grey_of_16_bits_with_alpha_stays_grey(tmp_path):
+    array = np.random.default_rng(0).integers(0, 4096, (7, 5, 2)).astype(np.uint16)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in array)
+    parts = (b"IHDR", struct.pack(">IIBBBBB", 5, 7, 16, 4, 0, 0, 0)), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")
+    data = b"\x89PNG\r\n\x1a\n"
+    for kind, body in parts:
+        data += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    np.testing.assert_array_equal(read_image(saved(tmp_path, data)), array[..., 0])
+
+
+def test_a_netpbm_image_is_spread_from_the_largest_value_that_it_declares(tmp_path):
+    for magic, count in ((b"P5", 1), (b"P6", 3)):
+        levels = np.repeat(np.array([0, 1023, 300, 5], ">u2"), count)
+        back = read_image(saved(tmp_path, magic + b"\n4 1\n1023\n" + levels.tobytes()))
+        assert back.dtype == np.uint16
+        wanted = np.rint(np.array([0, 1023, 300, 5]) * (65_535 / 1023))
+        np.testing.assert_array_equal(back if count == 1 else back[..., 1], wanted[None])
+
+
+def tiff(order, *, bits, photometric=1, kind=1, data):
+    """A TIFF of one strip, 4 x 3 px."""
+    tags = [(256, 4, 4), (257, 4, 3), (258, 3, bits), (259, 3, 1), (262, 3, photometric), (273, 4, 134), (277, 3, 1),
+            (278, 4, 3), (279, 4, len(data)), (339, 3, kind)]  # fmt: skip
+    body = b"".join(
+        struct.pack(f"{order}HHI", tag, size, 1) + struct.pack(f"{order}H2x" if size == 3 else f"{order}I", value)
+        for tag, size, value in tags
+    )
+    head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HIH", 42, 8, len(tags))
+    return head + body + struct.pack(f"{order}I", 0) + data
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_both_byte_orders_of_a_tiff_give_the_same_pixels(tmp_path, order):
+    values = (np.arange(12) * 5000).astype(np.uint16).reshape(3, 4)
+    data = tiff(order, bits=16, data=values.astype(f"{order}u2").tobytes())
+    back = read_image(saved(tmp_path, data))
+    assert back.dtype.isnative
+    np.testing.assert_array_equal(back, values)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_tiff_whose_0_is_white_has_bright_pixels_large(tmp_path, bits):
+    values = np.arange(12, dtype=f"<u{bits // 8}").reshape(3, 4)
+    back = read_image(saved(tmp_path, tiff("<", bits=bits, photometric=0, data=values.tobytes())))
+    np.testing.assert_array_equal(back, (1 << bits) - 1 - values)
+
+
+def test_a_tiff_of_pixels_that_are_not_read_says_which_are(tmp_path):
+    data = tiff("<", bits=64, kind=3, data=np.zeros((3, 4)).tobytes())
+    with pytest.raises(InputError, match=r"pixels that are not read .*float64.*for maps, float32"):
+        read_image(saved(tmp_path, data))

@@ -19,6 +19,7 @@ from tspslam.view import _style as style
 from tspslam.view import pictures as p
 from tspslam.view import write_pictures
 from tspslam.view._frame import log_magnitude
+from tspslam.view.paths import beside_path, plan_picture
 
 ALWAYS = {"keypoints", "mesh_depth", "signals", "magnitude", "phase", "view3d_signal", "view3d_magnitude"}
 
@@ -226,3 +227,38 @@ def test_pictures_need_no_pyplot():
     code = "import sys, tspslam.view.pictures, tspslam.view.report; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def street(length):
+    """A straight path, points 4 m to both sides of it, and some far off to one side of its middle."""
+    path = np.zeros((length + 1, 3))
+    path[:, 2] = np.arange(length + 1)
+    beside = path.repeat(10, axis=0)
+    beside[:, 0] = np.resize((-4, 4), len(beside))
+    far = np.random.default_rng(0).normal((90, 0, length / 2), (5, 1, 5), (length // 2, 3))
+    return path, beside, far
+
+
+def test_a_plan_shows_the_whole_path_and_all_that_is_beside_it():
+    path, beside, far = street(300)
+    near = beside_path(path, np.vstack([beside, far]))
+    assert near[: len(beside)].all()
+    assert not near[len(beside) :].all()
+    low, high = plan_picture(path, np.vstack([beside, far])).axes[0].get_xlim()
+    assert low < 0 < 300 < high
+
+
+def test_a_plan_is_seen_from_above():
+    path, beside, far = street(30)
+    ahead_is_right = plan_picture(path, np.vstack([beside, far])).axes[0]
+    assert (ahead_is_right.get_xlabel(), ahead_is_right.get_ylabel()) == ("z, m", "x, m")
+    assert ahead_is_right.yaxis_inverted()  # x, to the right of who goes ahead, is down
+    path, beside, far = (each[:, [2, 1, 0]] for each in street(30))
+    right_is_right = plan_picture(path, np.vstack([beside, far])).axes[0]
+    assert (right_is_right.get_xlabel(), right_is_right.get_ylabel()) == ("x, m", "z, m")
+    assert not right_is_right.yaxis_inverted()
+
+
+def test_a_plan_without_points_shows_the_path():
+    low, high = plan_picture(street(30)[0], np.empty((0, 3))).axes[0].get_xlim()
+    assert low < 0 < 30 < high

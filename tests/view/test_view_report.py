@@ -247,3 +247,39 @@ def test_a_browser_opens_the_page_without_a_request_or_an_error(frame, tmp_path)
     assert 'data-buttons="6"' in body
     assert "[false,false,false,false,false,true]" in body
     assert "</canvas>" in done.stdout
+
+
+SEVERAL = {
+    "source": "drive <1>",
+    "status": "degraded",
+    "frames": 1200,
+    "tracked": 1190,
+    "keyframes": 77,
+    "landmarks": 54_321,
+    "per_frame": [{"name": f"{k}", "is_lost": k < 7} for k in range(1197)],
+}
+
+
+def tile(page, name):
+    return re.search(rf"<b>([^<]*)</b><span>{name}</span>", page)[1]
+
+
+def test_the_headline_of_a_sequence_is_the_run_s_and_the_frame_shown_is_named(tmp_path, frame):
+    page = write_report(frame, SEVERAL, [], tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<title>TSP-SLAM report: drive &lt;1&gt;</title>" in page
+    assert '<h1>drive &lt;1&gt;<span class="badge note">degraded</span></h1>' in page
+    head, _, rest = page.partition("<h2>Frame ")
+    names = "frames", "tracked", "lost", "skipped", "keyframes", "landmarks"
+    thin = "\N{NARROW NO-BREAK SPACE}"
+    assert [tile(head, name).replace(thin, "") for name in names] == ["1200", "1190", "7", "3", "77", "54321"]
+    assert "<span>points</span>" not in head
+    assert rest.startswith(frame.name)
+    assert f"are of this one of 1{thin}200 frames" in rest
+    assert tile(rest, "points") == str(frame.complex_.n)
+
+
+def test_the_headline_of_a_single_frame_is_the_frame_s(tmp_path, frame):
+    page = write_report(frame, SEVERAL | {"frames": 1}, [], tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"<title>TSP-SLAM report: {frame.name}</title>" in page
+    assert "<h2>Frame " not in page
+    assert tile(page, "points") == str(frame.complex_.n)

@@ -108,7 +108,7 @@ def test_block_matching_knows_no_disparity_beyond_its_limits(pair: StereoPair, l
 @pytest.mark.parametrize("shape", [(1, 50), (24, 100), (12, 12)])
 def test_block_matching_of_a_tiny_pair_knows_nothing(shape: tuple[int, int]) -> None:
     rig = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=shape[1], height=shape[0])
-    tiny = StereoPair(noise(*shape), noise(*shape), rig)
+    tiny = StereoPair(noise(*shape), noise(*shape, seed=1), rig)
     assert np.isnan(SgbmMatcher(block=15).disparity_map(tiny, 30, 90)).all()
     with pytest.raises(GeometryError, match="expected at least 3"):
         reconstruct(tiny, matcher=SgbmMatcher(block=15), detector=GridDetector(step=5))
@@ -177,3 +177,9 @@ def test_settings_out_of_range_are_named(kind: type, setting: dict[str, float], 
 def test_the_grid_has_equal_margins() -> None:
     uv = GridDetector(step=10)(noise(48, 64)).uv
     assert (uv.min(axis=0).tolist(), uv.max(axis=0).tolist()) == ([1, 3], [61, 43])
+
+
+def test_the_largest_of_a_type_of_whole_numbers_is_no_depth() -> None:
+    rig = Rig(fx=500, fy=500, cx=1, cy=0, baseline=0.1, width=3, height=1)
+    disparity = disparity_of_depth(rig, np.array([[2000, 0, 65_535]], np.uint16), unit=0.001)
+    np.testing.assert_array_equal(disparity, [[25.0, np.nan, np.nan]])

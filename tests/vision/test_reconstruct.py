@@ -1,22 +1,28 @@
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import GeometryError, InputError
 from tspslam.types import Features, Rig, StereoPair
 from tspslam.vision import _parallel, descriptors, matching, reconstruct
+from tspslam.vision.dense import GridDetector
 from tspslam.vision.descriptors import DescriptorMatcher
 from tspslam.vision.matches import Matches
 from tspslam.vision.matching import RowMatcher
+from tspslam.vision.odometry import Odometry
 from tspslam.vision.orb import OrbDetector
 from tspslam.vision.reconstruct import reconstruct_with_quality
 from tspslam.vision.rig import covariance, project
+from tspslam.vision.sgbm import SgbmMatcher
 from tspslam.vision.triangulate import triangulate
 
 from .conftest import noise
@@ -89,6 +95,49 @@ def test_swapped_images_are_noticed(pair: StereoPair) -> None:
     for rig in (pair.rig, plain):
         with pytest.raises(GeometryError, match="look swapped"):
             reconstruct.reconstruct(StereoPair(pair.right, pair.left, rig))
+
+
+@pytest.mark.parametrize("doffs", [0.0, 31.086])
+@pytest.mark.parametrize("options", [{}, {"preset": "paper"}, {"matcher": SgbmMatcher()},
+                                     {"detector": GridDetector(), "matcher": SgbmMatcher()},
+                                     {"detector": GridDetector()}], ids=str)  # fmt: skip
+def test_swapped_images_are_noticed_by_every_matcher(motorcycle: StereoPair, options: Any, doffs: float) -> None:
+    rig = replace(motorcycle.rig, doffs=doffs)
+    with pytest.raises(GeometryError, match=r"disparities are negative.*left and right images look swapped"):
+        reconstruct_with_quality(StereoPair(motorcycle.right, motorcycle.left, rig), **options)
+
+
+@pytest.mark.parametrize("doffs", [0.0, 31.086])
+def test_one_picture_twice_is_refused(pair: StereoPair, doffs: float) -> None:
+    twice = replace(pair, right=pair.left.copy(), rig=replace(pair.rig, doffs=doffs))
+    for options in ({}, {"preset": "paper"}, {"detector": GridDetector()}):
+        with pytest.raises(GeometryError, match=r"^motorcycle: left and right show the same picture, expected two"):
+            reconstruct_with_quality(twice, **options)  # type: ignore[arg-type]
+    with pytest.raises(GeometryError, match="show the same picture"):
+        Odometry(twice.rig).process(twice)
+
+
+@pytest.mark.parametrize("doffs", [0.0, 31.086])
+@pytest.mark.parametrize("stored", [("JPEG", 95), ("JPEG", 40), ("WEBP", 60)])
+def test_one_picture_stored_twice_is_refused(motorcycle: StereoPair, stored: tuple[str, int], doffs: float) -> None:
+    buffer = io.BytesIO()
+    PillowImage.fromarray(motorcycle.left).save(buffer, stored[0], quality=stored[1])
+    again = np.asarray(PillowImage.open(buffer).convert("RGB"))
+    with pytest.raises(GeometryError, match=r"show the same picture.* 95 % have disparities within"):
+        reconstruct_with_quality(replace(motorcycle, right=again, rig=replace(motorcycle.rig, doffs=doffs)))
+
+
+@pytest.mark.parametrize(("doffs", "shift"), [(0.0, 0.3), (31.086, 0.3), (31.086, -0.3), (31.086, 0.15)])
+def test_two_views_of_a_distant_or_flat_scene_are_not_one_picture(
+    motorcycle: StereoPair, doffs: float, shift: float
+) -> None:
+    rng = np.random.default_rng(0)
+    left = cv2.cvtColor(motorcycle.left, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    move = np.array([[1, 0, -shift], [0, 1, 0]])
+    right = cv2.warpAffine(left, move, left.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    taken = [np.clip(image + rng.normal(0, 1, image.shape), 0, 255).astype(np.uint8) for image in (left, right)]
+    cloud, _ = reconstruct_with_quality(StereoPair(*taken, replace(motorcycle.rig, doffs=doffs)))
+    assert np.median(cloud.disparity) == pytest.approx(shift, abs=0.06)
 
 
 def test_textureless_pairs_are_refused_with_numbers(plain_rig: Rig) -> None:

@@ -43,9 +43,9 @@ class Paired:
 class Frames:
     """Pairs read from files when they are asked for."""
 
-    def __init__(self, paired: Paired, cameras: Rig | RawRig) -> None:
+    def __init__(self, paired: Paired, cameras: Rig | RawRig, bits: int | None = None) -> None:
         self.files, self.stamps = paired.files, paired.stamps
-        self._reader = _Reader(cameras)
+        self._reader = _Reader(cameras, paired.files, bits)
         self.rig: Rig = self._reader.rig
 
     @property
@@ -62,7 +62,7 @@ class Frames:
     def read(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end."""
         index = checked_index(index, len(self.files))
-        return replace(self._reader.read(*self.files[index], index), stamp=float(self.stamps[index]))
+        return replace(self._reader.read(index), stamp=float(self.stamps[index]))
 
 
 def path_of(path: PathLike) -> Path:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._files import bad_input, one_line, reason_of
 from ..errors import InputError
-from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _pixels, _quiet
+from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _quiet, load_pixels
 from ..types import Camera, Image, RawRig, Rig
 from ..vision.formats._pose import motion, rotation
 from ..vision.formats._source import Source
@@ -252,7 +252,6 @@ def _compressed(message: Any) -> Image:
         if image.format not in ("JPEG", "PNG"):
             raise InputError(f"is a {image.format}, not a JPEG or PNG")
         _check_size(image.size)
-        image.load()
-        return _pixels(image)
+        return load_pixels(image, handle)
     except _DECODER_ERRORS as error:
         raise InputError(f"cannot be decoded ({reason_of(error)})") from error

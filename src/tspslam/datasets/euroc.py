@@ -55,6 +55,8 @@ class EurocSequence:
     path : str or path
         The folder with `mav0/`, or `mav0` itself. Of `cam0` and `cam1` it needs `data/`, `data.csv` and
         `sensor.yaml`.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Attributes
     ----------
@@ -81,7 +83,7 @@ class EurocSequence:
     stamps: FloatArray
     unpaired: list[str]
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, *, bits: int | None = None) -> None:
         self.path = path_of(path)
         self._root = self.path / "mav0" if os.path.isdir(self.path / "mav0") else self.path
         if not os.path.isdir(self._root / "cam0"):
@@ -90,7 +92,7 @@ class EurocSequence:
         paired = some(pair_by_stamp(left, right, _CAMERAS), self._root, "cam0 and cam1 with images of the same stamps")
         self.unpaired = paired.unpaired + lost + its_lost
         calibration = read_calibration(self._root / "cam0" / "sensor.yaml", size_of_first(paired.files))
-        self._frames = Frames(paired, calibration.cameras)
+        self._frames = Frames(paired, calibration.cameras, bits)
         self.rig, self.stamps = self._frames.rig, self._frames.stamps
 
     @property

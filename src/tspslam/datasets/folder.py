@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,11 +19,14 @@ from ..vision.formats import read_stereo
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._kinds import no_image, only_images
+from ._levels import Levels
 
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
 
 
-def read_pair(left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig) -> StereoPair:
+def read_pair(
+    left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig, *, bits: int | None = None
+) -> StereoPair:
     """Read a pair from two images and a calibration file; a raw pair is rectified.
 
     Parameters
@@ -32,6 +35,8 @@ def read_pair(left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig) -
         Images of the same size and depth.
     calib : str, path, Rig or RawRig
         Calibration file, as `tspslam.read_calibration` reads it, or the cameras themselves.
+    bits : int, optional
+        How many bits 16-bit pixels use, of both images; found by default. Pixels are moved up to the full range.
 
     Returns
     -------
@@ -53,7 +58,7 @@ def read_pair(left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig) -
         require_path(path, side)
     sizes = [_size_of(Path(path)) for path in (left, right)]
     cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, sizes[0])
-    return _Reader(cameras).read(Path(left), Path(right), 0)
+    return _Reader(cameras, [(Path(left), Path(right))], bits).read(0)
 
 
 pair_from_files = read_pair
@@ -78,6 +83,9 @@ class StereoFolder:
     calib : str or path, optional
         Calibration, as `tspslam.read_calibration` reads it; by default `calib.yaml`, `calib.txt` or
         `calib_cam_to_cam.txt` in the folder. Raw pairs are rectified.
+    bits : int, optional
+        How many bits 16-bit pixels use; by default they are found in a sample of all images. Pixels are moved up to
+        the full range.
 
     Attributes
     ----------
@@ -107,7 +115,7 @@ class StereoFolder:
     stamps: FloatArray
     unpaired: list[str]
 
-    def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
+    def __init__(self, path: PathLike, calib: PathLike | None = None, *, bits: int | None = None) -> None:
         require_path(path)
         self.path = Path(path)
         left, right = (_images(self.path, side) for side in ("left", "right"))
@@ -122,7 +130,8 @@ class StereoFolder:
                 f"{self.path}: {len(left)} files in left/ and {len(right)} in right/ have no name in common, "
                 "expected pairs of the same name"
             )
-        self._reader = _Reader(read_stereo(calib or _calibration_in(self.path), self._size()))
+        cameras = read_stereo(calib or _calibration_in(self.path), self._size())
+        self._reader = _Reader(cameras, self._files, bits)
         self.rig = self._reader.rig
 
     @property
@@ -136,7 +145,7 @@ class StereoFolder:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a file is bad."""
         index = range(len(self))[index]
-        return replace(self._reader.read(*self._files[index], index), stamp=float(self.stamps[index]))
+        return replace(self._reader.read(index), stamp=float(self.stamps[index]))
 
     def __iter__(self) -> Iterator[StereoPair]:
         """Read one pair after another."""
@@ -151,26 +160,32 @@ class StereoFolder:
 
 
 class _Reader:
-    """Pairs of one rig from files: rectified, if the cameras are raw."""
+    """Pairs of one rig from files: 16-bit pixels fill their range, and raw pairs are rectified."""
 
-    def __init__(self, cameras: Rig | RawRig) -> None:
+    def __init__(self, cameras: Rig | RawRig, files: Sequence[tuple[Path, Path]], bits: int | None = None) -> None:
+        self._files, self._levels = files, Levels(self._images, len(files), bits)
         self._rectify: Rectification | None = None
         if isinstance(cameras, RawRig):
             self._rectify = rectification(cameras)
             cameras = self._rectify.rig
         self.rig: Rig = cameras
 
-    def read(self, left: Path, right: Path, index: int) -> StereoPair:
+    def _images(self, index: int) -> Iterator[Image]:
         from ..io.images import read_image
 
-        images: tuple[Image, Image] = read_image(left), read_image(right)
-        name = one_line(left.stem)
-        if self._rectify:
-            try:
-                images = self._rectify(*images)
-            except InputError as error:
-                raise InputError(f"{name}: {error}") from error
-        pair = StereoPair(*images, self.rig, stamp=float(index), index=index, name=name)
+        return map(read_image, self._files[index])
+
+    def read(self, index: int) -> StereoPair:
+        stored = list(self._images(index))
+        name = one_line(self._files[index][0].stem)
+        try:
+            left, right = self._levels(stored)  # before rectification, which makes values between those that occur
+            if self._rectify:
+                left, right = self._rectify(left, right)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+        bits = self._levels.bits_of(left)
+        pair = StereoPair(left, right, self.rig, stamp=float(index), index=index, name=name, bits=bits)
         check_pair(pair)
         return pair
 

@@ -70,6 +70,8 @@ class KittiSequence:
     poses : str or path, optional
         True poses in KITTI's form, for each left image or for each number from 0; by default `poses.txt` in the
         folder or `../../poses/NN.txt`, if there is one. A blank line, or one of 12 NaN, is a pose that is not known.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Attributes
     ----------
@@ -97,7 +99,9 @@ class KittiSequence:
     stamps: FloatArray
     unpaired: list[str]
 
-    def __init__(self, path: PathLike, *, colour: bool = False, poses: PathLike | None = None) -> None:
+    def __init__(
+        self, path: PathLike, *, colour: bool = False, poses: PathLike | None = None, bits: int | None = None
+    ) -> None:
         self.path = path_of(path)
         self._cameras = ("2", "3") if colour else ("0", "1")
         self._is_raw = _is_raw(self.path, self._cameras[0])
@@ -106,7 +110,7 @@ class KittiSequence:
         paired = self._paired()
         self._source = _calibration(self.path, self._is_raw)
         named = _as_grey(self._source, self._is_raw) if colour else self._source
-        self._frames = Frames(paired, _cameras_of(named, size_of_first(paired.files), self._source))
+        self._frames = Frames(paired, _cameras_of(named, size_of_first(paired.files), self._source), bits)
         self.rig, self.stamps, self.unpaired = self._frames.rig, self._frames.stamps, paired.unpaired
         self._poses = _poses_of(self.path) if poses is None else path_of(poses)
         if poses is not None:

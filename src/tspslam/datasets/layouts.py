@@ -22,7 +22,13 @@ _KNOWN = "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or i
 _OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layouts that bring a calibration
 
 
-def open_sequence(path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None) -> Sequence:
+def open_sequence(
+    path: PathLike,
+    *,
+    calib: PathLike | None = None,
+    topics: tuple[str, str] | None = None,
+    bits: int | None = None,
+) -> Sequence:
     """Open a folder or a bag of stereo pairs with the reader of its layout.
 
     Parameters
@@ -36,6 +42,8 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None, topics: tupl
         layouts bring their own.
     topics : tuple of 2 str, optional
         Topics of a bag with the left and the right images.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Returns
     -------
@@ -63,19 +71,19 @@ def open_sequence(path: PathLike, *, calib: PathLike | None = None, topics: tupl
     plain, utias = has("left", "right"), has("images/left", "images/right")
     if is_bag(folder) and not (plain or utias):
         left, right = topics or (None, None)
-        return RosbagSequence(folder, left=left, right=right, calib=calib)
+        return RosbagSequence(folder, left=left, right=right, calib=calib, bits=bits)
     if topics is not None:
         raise InputError(one_line(f"{folder}: is no bag, expected one with topics {' and '.join(map(str, topics))}"))
     if plain:
-        return StereoFolder(folder, calib)
+        return StereoFolder(folder, calib, bits=bits)
     if utias:
-        return UtiasRun(folder, calib)
+        return UtiasRun(folder, calib, bits=bits)
     if calib is not None and has(*_OWN):
         raise InputError(f"{folder}: brings its own calibration, expected none beside it ({calib})")
     if has("mav0", "cam0"):
-        return EurocSequence(folder)
+        return EurocSequence(folder, bits=bits)
     if has(*_OWN):
-        return KittiSequence(folder, colour=not has("image_0", "image_00"))
+        return KittiSequence(folder, colour=not has("image_0", "image_00"), bits=bits)
     raise _unknown(folder)
 
 

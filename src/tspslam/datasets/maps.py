@@ -5,19 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
 from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
-from ..io.images import LARGEST_AREA, read_image
+from ..io.images import LARGEST_AREA, read_image, read_numbers
 from ..io.npy import read_npy
-from ..types import StereoPair
-from ..vision.dense import checked_map, checked_unit, disparity_of_depth
+from ..types import Image, StereoPair
+from ..vision.dense import checked_map, checked_unit, disparity_of_depth, known_values, unknown_values
 from ..vision.formats import read_rectified
 from ..vision.rig import check_pair, require_baseline
+from ._levels import Levels
 
-_EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, or a .npy of numbers"
+_EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a .npy of numbers"
 
 
 def pair_from_map(
@@ -27,6 +27,8 @@ def pair_from_map(
     *,
     kind: Literal["depth", "disparity"] = "depth",
     unit: float | None = None,
+    unknown: float | None = None,
+    bits: int | None = None,
 ) -> StereoPair:
     """Read an image and a map of its depths or disparities.
 
@@ -35,18 +37,24 @@ def pair_from_map(
     image : str or path
         What the left camera saw, rectified.
     map_ : str or path
-        Depths or disparities of its pixels: a 16-bit PNG or TIFF, or a ``.npy`` file.
+        Depths or disparities of its pixels: a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a ``.npy`` file.
     calib : str or path
         Calibration, as `tspslam.read_calibration` reads it; for a camera without a second eye any baseline will do.
     kind : {"depth", "disparity"}
         What the map holds.
     unit : float, optional
         Metres, or px, in one step of the map; whole numbers need it (0.001 for mm, 1/256 for KITTI's disparities).
+    unknown : float, optional
+        Value of the file that stands for "not known", besides 0 in whole numbers, NaN and infinity (give NaN for no
+        other one). By default those at an end of the range that are too common to be measured, such as 65535 or
+        OpenCV's -16.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16; found by default.
 
     Returns
     -------
     StereoPair
-        With `disparity`; its right image is the left one.
+        With `disparity`, and the values found to be unknown in `unknown`; its right image is the left one.
 
     Raises
     ------
@@ -59,24 +67,68 @@ def pair_from_map(
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
-    pixels = read_image(image)
+    pixels, used = read_levelled(image, bits)
     rig = read_rectified(calib, (pixels.shape[1], pixels.shape[0]))
     require_baseline(rig, f"{calib}", "for a depth map any will do, such as 0.1; it sets the covariance")
     values = read_map(map_)
     try:
+        _check_unit(kind, values, unit)
+        found = unknown_values(values[values > 0] if kind == "depth" else values) if unknown is None else ()
+        known = known_values(values, found if unknown is None else (unknown,))
         if kind == "depth":
-            disparity = disparity_of_depth(rig, values, unit=unit)
+            disparity = disparity_of_depth(rig, known, unit=unit)
         else:
-            disparity = checked_map("disparity", _scaled(values, unit), rig)
+            disparity = checked_map("disparity", known * checked_unit(unit), rig)
     except InputError as error:
         raise InputError(f"{map_}: {error}") from error
-    pair = StereoPair(pixels, pixels, rig, name=one_line(Path(image).stem), disparity=disparity)
+    name = one_line(Path(image).stem)
+    pair = StereoPair(pixels, pixels, rig, name=name, disparity=disparity, bits=used, unknown=found)
     check_pair(pair)
     return pair
 
 
+def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int | None]:
+    """Read an image whose 16-bit pixels, if it has such, fill their range, and how many bits they used.
+
+    Parameters
+    ----------
+    path : str or path
+        The image file.
+    bits : int, optional
+        How many bits its pixels use; found by default.
+
+    Returns
+    -------
+    image : (H, W) or (H, W, 3) array
+        uint8 or uint16.
+    bits : int or None
+        None for 8-bit pixels.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or the bits do not fit it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tspslam.io import write_png
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_png(f"{folder}/grey.png", np.array([[0, 1000]], np.uint16))
+    ...     image, bits = read_levelled(f"{folder}/grey.png", 12)
+    >>> image.tolist(), bits
+    ([[0, 16000]], 12)
+    """
+    image = read_image(path)
+    levels = Levels(lambda _: [image], 1, bits)
+    try:
+        return levels([image])[0], levels.bits_of(image)
+    except InputError as error:
+        raise InputError(f"{one_line(str(path))}: {error}") from error
+
+
 def read_map(path: PathLike) -> NDArray[Any]:
-    """Read a map of numbers, (H, W), from an image of one channel or a ``.npy`` file.
+    """Read a map of numbers, (H, W), from an image of one channel (PNG, TIFF, PGM, PFM) or a ``.npy`` file.
 
     Parameters
     ----------
@@ -101,18 +153,15 @@ def read_map(path: PathLike) -> NDArray[Any]:
     ...     read_map(f"{folder}/depth.npy").shape
     (2, 3)
     """
-    values = read_npy(path, _EXPECTED, LARGEST_AREA) if Path(path).suffix.lower() == ".npy" else read_image(path)
+    is_npy = Path(path).suffix.lower() == ".npy"
+    values = read_npy(path, _EXPECTED, LARGEST_AREA) if is_npy else read_numbers(path, _EXPECTED)
     if values.ndim != 2 or values.dtype.kind not in "iuf":
         raise bad_input(path, f"holds {values.dtype} of shape {values.shape}", _EXPECTED)
     return values
 
 
-def _scaled(values: NDArray[Any], unit: float | None) -> NDArray[Any]:
-    """Disparities in px; whole numbers need a unit, and 0 is unknown in them."""
-    if values.dtype.kind == "f" and unit is None:
-        return values
-    if unit is None:
-        raise InputError(f"disparity map is {values.dtype} without a unit, expected px in one step, such as 1/256")
-    with np.errstate(over="ignore"):
-        scaled = values.astype(np.float64) * checked_unit(unit)
-    return np.where(values == 0, np.nan, scaled) if values.dtype.kind in "iu" else scaled
+def _check_unit(kind: str, values: NDArray[Any], unit: float | None) -> None:
+    """Whole numbers need a unit."""
+    example = "metres in one step, such as 0.001 for mm" if kind == "depth" else "px in one step, such as 1/256"
+    if values.dtype.kind in "iu" and unit is None:
+        raise InputError(f"{kind} map is {values.dtype} without a unit, expected {example}")

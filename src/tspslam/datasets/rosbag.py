@@ -15,6 +15,7 @@ from ..vision.formats import read_calibration
 from ..vision.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._bags import BAG, Bag, guarded
+from ._levels import Levels
 from ._pairing import NANOSECONDS, check_stamps, checked_index, name_of, pair_by_stamp, path_of, seconds, some
 from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, cameras, image_of, info_topic, is_rectified, sides
 
@@ -43,6 +44,8 @@ class RosbagSequence:
         Topics of the images. By default the two whose names differ only in left and right, cam0 and cam1, camera0
         and camera1, infra1 and infra2, image_0 and image_1 or image_00 and image_01; those with a ``CameraInfo`` go
         before those without, then rectified images before raw ones, then uncompressed before compressed ones.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Attributes
     ----------
@@ -76,7 +79,13 @@ class RosbagSequence:
     unpaired: list[str]
 
     def __init__(
-        self, path: PathLike, *, left: str | None = None, right: str | None = None, calib: PathLike | None = None
+        self,
+        path: PathLike,
+        *,
+        left: str | None = None,
+        right: str | None = None,
+        calib: PathLike | None = None,
+        bits: int | None = None,
     ) -> None:
         self.path = path_of(path)
         self._bag = _Images(self.path)
@@ -84,6 +93,7 @@ class RosbagSequence:
         if calib is None:
             self._rectify, self.rig = _made(self.path, self._own_cameras(all(map(is_rectified, self.topics))))
         self._pair()
+        self._levels = Levels(self._images, len(self._pairs), bits)
         if calib is not None:
             self._rectify, self.rig = _made(path_of(calib), self._given_cameras(path_of(calib)))
 
@@ -106,13 +116,13 @@ class RosbagSequence:
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a message is bad."""
         index = checked_index(index, len(self))
-        stamps = self._pairs[index]
-        read = zip(self.topics, stamps, self._times, strict=True)
-        left, right = (self._bag.image(topic, stamp, times[stamp]) for topic, stamp, times in read)
+        stored = list(self._images(index))
         try:
+            left, right = self._levels(stored)
             if self._rectify:
                 left, right = self._rectify(left, right)
-            pair = StereoPair(left, right, self.rig, float(self.stamps[index]), index, str(stamps[0]))
+            name, bits = str(self._pairs[index][0]), self._levels.bits_of(left)
+            pair = StereoPair(left, right, self.rig, float(self.stamps[index]), index, name, bits=bits)
             check_pair(pair)
         except InputError as error:
             raise InputError(one_line(f"{self.path}: {error}")) from error
@@ -126,6 +136,11 @@ class RosbagSequence:
         """Cameras that the bag's camera infos describe."""
         one, other = (self._bag.info(info_topic(self.path, topic, self._bag.kinds)) for topic in self.topics)
         return cameras(self.path, one, other, rectified)
+
+    def _images(self, index: int) -> Iterator[Image]:
+        """Both images of a pair as they are in the bag."""
+        read = zip(self.topics, self._pairs[index], self._times, strict=True)
+        return (self._bag.image(topic, stamp, times[stamp]) for topic, stamp, times in read)
 
     def _given_cameras(self, calib: Path) -> Rig | RawRig:
         """Cameras of a calibration file; a raw one of images that are rectified already is refused."""

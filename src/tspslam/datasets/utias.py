@@ -69,6 +69,8 @@ class UtiasRun:
         Calibration, as `tspslam.read_calibration` reads it; by default `calib.yaml` or `calib.txt` in the run or in
         the folder it is in. No run ships one: else it is the rig that the data set's authors give, rectified,
         512 x 384 px, ``fx = fy = 387.777``, ``cx = 257.446``, ``cy = 197.718`` px, baseline 0.239965 m.
+    bits : int, optional
+        How many bits 16-bit pixels use, as in `StereoFolder`.
 
     Attributes
     ----------
@@ -96,14 +98,14 @@ class UtiasRun:
     stamps: FloatArray
     unpaired: list[str]
 
-    def __init__(self, path: PathLike, calib: PathLike | None = None) -> None:
+    def __init__(self, path: PathLike, calib: PathLike | None = None, *, bits: int | None = None) -> None:
         self.path = path_of(path)
         left, right = (numbered(self.path / "images" / side) for side in ("left", "right"))
         paired = pair_by_number(left, right, _stamps(self.path / _STAMPS), ("left", "right"))
         some(paired, self.path, f"images/left and images/right of one number with a stamp in {_STAMPS}")
         cameras = _cameras(self.path, calib, size_of_first(paired.files))
         self.unpaired = paired.unpaired
-        self._frames = Frames(paired, cameras)
+        self._frames = Frames(paired, cameras, bits)
         self.rig, self.stamps = self._frames.rig, self._frames.stamps
 
     @property

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_pixels, require
 from .._files import PathLike
+from ..datasets.maps import read_levelled
 from ..errors import InputError
-from ..io import read_image, read_mesh
+from ..io import read_mesh
 from ..topology.complex import Complex, build_complex
 from ..topology.texture import sample_signals
 from ..types import Cloud, FloatArray, Image, Rig, Signals, Surface, real_array
@@ -132,7 +133,7 @@ def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Textured:
     return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), image, rig)
 
 
-def from_file(mesh: PathLike, image: PathLike, calibration: PathLike) -> Textured:
+def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: int | None = None) -> Textured:
     """Put the texture of an image on a mesh, both from files.
 
     Parameters
@@ -143,6 +144,8 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike) -> Texture
         What the left camera saw.
     calibration : path
         A calibration file of a rectified pair, or of our own of a single camera, which needs no baseline.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16; found by default.
 
     Returns
     -------
@@ -153,7 +156,7 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike) -> Texture
     InputError
         If a file cannot be used, or the camera sees no vertex.
     """
-    pixels = read_image(image)
+    pixels, _ = read_levelled(image, bits)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:

@@ -9,7 +9,7 @@ import threading
 import warnings
 import zlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ LARGEST_SIDE = 32_767
 _FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP")
 _EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM or BMP image"
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_TIFF_MAGIC = (b"II", b"MM")
+_WHITE_IS_ZERO, _PHOTOMETRIC = 0, 262  # of a TIFF
 # Pillow's decoders meet damaged files with all of these.
 _DECODER_ERRORS = (
     OSError,
@@ -49,9 +51,10 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
     The header comes first: more than 64 megapixels, or a side over 32 767 px, is refused before any pixel is decoded.
     A PNG's checksums are all verified. Alpha is dropped, not blended. Palettes, CMYK, YCbCr and HSV become RGB; one
-    bit becomes 0 and 255. 16-bit grey stays 16-bit; 16-bit colour is reduced to 8 bits. Of several pages the first
-    is read. The EXIF orientation is not applied, since calibrations speak of the sensor's pixels. A damaged JPEG that
-    still decodes is returned, since the format has no checksum.
+    bit becomes 0 and 255. 16-bit grey and colour stay 16-bit, whatever part of the 16 bits they use; a PGM or PPM is
+    spread from its own largest value to 65535. Of several pages the first is read. Neither gamma nor the EXIF
+    orientation is applied, since calibrations speak of the sensor's pixels. A damaged JPEG that still decodes is
+    returned, since the format has no checksum.
 
     Parameters
     ----------
@@ -61,7 +64,7 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
     Returns
     -------
     (H, W) or (H, W, 3) array
-        uint8, or uint16 for 16-bit grey; colour is RGB.
+        uint8, or uint16 for 16-bit pixels; colour is RGB.
 
     Raises
     ------
@@ -77,19 +80,47 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
     ...     read_image(f"{folder}/grey.png").shape
     (2, 3)
     """
-    with open_input(path, _EXPECTED) as handle:
-        try:
-            _check_png(handle)
-            with _quiet():
-                image = _open_header(handle)
-            _check_size(image.size)
-            with _quiet() if image.format == "TIFF" else contextlib.nullcontext():
-                image.load()
-            return _pixels(image)
-        except InputError as error:
-            raise bad_input(path, str(error), _EXPECTED) from error
-        except _DECODER_ERRORS as error:
-            raise bad_input(path, f"cannot be decoded ({reason_of(error)})", _EXPECTED) from error
+    with open_input(path, _EXPECTED) as handle, _named(path, _EXPECTED):
+        return load_pixels(_opened(handle), handle)
+
+
+def read_numbers(path: PathLike, expected: str) -> NDArray[Any]:
+    """Read an image file whose pixels are numbers rather than luminance, such as depths, as they were written.
+
+    Parameters
+    ----------
+    path : str or path
+        A PNG, TIFF, PGM, BMP or JPEG, or a PFM of floats.
+    expected : str
+        What to say was expected, if it is none.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) array
+        uint8, uint16, int32 or float32; a PFM's last row comes first in the file and last here.
+
+    Raises
+    ------
+    InputError
+        As `read_image`, but for numbers that are no whole ones of 16 bits.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_png(f"{folder}/depth.png", np.full((2, 3), 1500, np.uint16))
+    ...     int(read_numbers(f"{folder}/depth.png", "a map")[0, 0])
+    1500
+    """
+    with open_input(path, expected) as handle, _named(path, expected):
+        image = _opened(handle)
+        most = _declared(image)
+        if image.mode not in ("I", "F"):
+            pixels = load_pixels(image, handle)
+            return pixels if most is None or pixels.ndim == 3 else _undone(pixels, most, 255)
+        _load(image)
+        numbers = np.array(image)
+        return numbers if most is None or image.mode == "F" else _undone(numbers, most, 65_535)
 
 
 def image_size(path: PathLike) -> tuple[int, int]:
@@ -118,16 +149,11 @@ def image_size(path: PathLike) -> tuple[int, int]:
     ...     image_size(f"{folder}/grey.png")
     (3, 2)
     """
-    with open_input(path, _EXPECTED) as handle:
-        try:
-            with _quiet():
-                size = _open_header(handle).size
-            _check_size(size)
-        except InputError as error:
-            raise bad_input(path, str(error), _EXPECTED) from error
-        except _DECODER_ERRORS as error:
-            raise bad_input(path, f"cannot be decoded ({reason_of(error)})", _EXPECTED) from error
-    return size
+    with open_input(path, _EXPECTED) as handle, _named(path, _EXPECTED):
+        with _quiet():
+            size = _open_header(handle).size
+        _check_size(size)
+        return size
 
 
 def write_png(path: PathLike, array: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
@@ -177,12 +203,36 @@ def _quiet() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def _named(path: PathLike, expected: str) -> Iterator[None]:
+    """Turn whatever decoders raise into the one line about a file."""
+    try:
+        yield
+    except InputError as error:
+        raise bad_input(path, str(error), expected) from error
+    except _DECODER_ERRORS as error:
+        raise bad_input(path, f"cannot be decoded ({reason_of(error)})", expected) from error
+
+
+def _opened(handle: BinaryIO) -> Image.Image:
+    """An image whose header is read, and whose size is one that goes."""
+    _check_png(handle)
+    with _quiet():
+        image = _open_header(handle)
+    _check_size(image.size)
+    return image
+
+
 def _open_header(handle: BinaryIO) -> Image.Image:
     from PIL import Image, UnidentifiedImageError
 
     try:
         return Image.open(handle, formats=_FORMATS)
     except UnidentifiedImageError as error:
+        handle.seek(0)
+        if handle.read(2) in _TIFF_MAGIC:
+            said = "is a TIFF that is damaged, or of pixels that are not read (such as float64 or planes of 16 bits)"
+            raise InputError(f"{said}: uint8, uint16 and, for maps, float32 are") from error
         raise InputError("is not an image, or its header is damaged") from error
     except Image.DecompressionBombError as error:
         raise InputError(f"has more than {LARGEST_AREA} px") from error
@@ -213,6 +263,61 @@ def _check_png(handle: BinaryIO) -> None:
     handle.seek(0)
 
 
+def load_pixels(image: Image.Image, handle: BinaryIO) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Decode an image that was opened from `handle`, grey or RGB."""
+    deep, most = _depth_that_is_cut(image), _declared(image)
+    _load(image)
+    return _pixels(image) if deep is None else _deep_pixels(image, handle, deep, most)
+
+
+def _load(image: Image.Image) -> None:
+    with _quiet() if image.format == "TIFF" else contextlib.nullcontext():
+        image.load()
+
+
+def _layout(image: Image.Image) -> tuple[str, list[Any]]:
+    """Name of the decoder that an image asks for, and its arguments; before it is loaded."""
+    tiles: list[Any] = getattr(image, "tile", [])
+    if not tiles:
+        return "", [""]
+    arguments = tiles[0][3]
+    return str(tiles[0][0]), list(arguments) if isinstance(arguments, tuple) and arguments else [arguments or ""]
+
+
+def _declared(image: Image.Image) -> int | None:
+    """Largest value that a PGM or PPM declares, if its pixels are spread from it; before it is loaded."""
+    codec, arguments = _layout(image)
+    return int(arguments[1]) if codec in ("ppm", "ppm_plain") and len(arguments) > 1 else None
+
+
+def _undone(values: NDArray[Any], declared: int, spread: int) -> NDArray[np.uint16]:
+    """Values as they stand in a PGM file, which were spread from its largest value."""
+    return np.rint(values * (declared / spread)).astype(np.uint16)
+
+
+def _depth_that_is_cut(image: Image.Image) -> str | None:
+    """Name of the layout of colour, or of grey with alpha, whose 16 bits Pillow cuts to 8; before it is loaded."""
+    layout = str(_layout(image)[1][0])
+    is_colour = image.mode in ("RGB", "RGBA", "RGBX", "LA")
+    return layout if is_colour and (";16" in layout or (_declared(image) or 0) > 255) else None
+
+
+def _deep_pixels(image: Image.Image, handle: BinaryIO, layout: str, most: int | None) -> NDArray[np.uint16]:
+    """All 16 bits of an image that Pillow found whole."""
+    import cv2
+
+    handle.seek(0)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(handle.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise InputError(f"cannot be decoded ({reason_of(error)})") from error
+    if pixels is None or pixels.dtype != np.uint16 or pixels.shape[:2] != image.size[::-1] or pixels.ndim != 3:
+        raise InputError(f"has 16-bit colour of a kind that is not read ({layout})")
+    if most is not None:
+        pixels = np.rint(np.minimum(pixels, most) * (65_535 / most)).astype(np.uint16)
+    return np.ascontiguousarray(pixels[..., 0] if layout.startswith("LA") else pixels[..., 2::-1])
+
+
 def _pixels(image: Image.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
     mode = image.mode
     if mode in ("L", "RGB"):
@@ -222,15 +327,21 @@ def _pixels(image: Image.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
     if mode == "LA":
         return np.array(image.getchannel("L"))
     if mode == "I" or mode.startswith("I;16"):
-        return _grey16(np.asarray(image))
+        return _upright(image, _grey16(np.asarray(image)))
     if mode == "F":
-        raise InputError("holds floating-point pixels")
+        raise InputError("holds floating-point pixels, as maps of depth do (--depth, --disparity), not luminance")
     image.info.pop("transparency", None)
     if mode in ("1", "La"):
         return np.array(image.convert("LA").getchannel("L") if mode == "La" else image.convert("L"))
     if mode in ("RGBa", "PA"):
         return np.ascontiguousarray(np.asarray(image.convert("RGBA"))[..., :3])
     return np.array(image.convert("RGB"))
+
+
+def _upright(image: Image.Image, values: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Grey values, bright ones large; Pillow turns TIFFs whose 0 is white only if they have 8 bits."""
+    tags = getattr(image, "tag_v2", {})
+    return np.uint16(65_535) - values if tags.get(_PHOTOMETRIC, 1) == _WHITE_IS_ZERO else values
 
 
 def _grey16(values: NDArray[np.generic]) -> NDArray[np.uint16]:

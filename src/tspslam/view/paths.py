@@ -14,9 +14,11 @@ from matplotlib.figure import Figure
 
 from .._atomic import write_bytes
 from .._files import bad_input
-from ..types import FloatArray
+from ..types import BoolArray, FloatArray
 
 _TRUE, _ESTIMATED = "#1b2430", "#d55e00"
+_MIRRORED = {(2, 0), (0, 1), (2, 1)}  # axes (along, upwards) that show the world from below, or y, which is down, up
+_SHARE = 0.9  # of a map's points that its picture shows: those far off are the least certain
 # What a picture says of its making: nothing that varies with the day or the machine.
 _METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
@@ -81,14 +83,14 @@ def write_path_picture(errors: PathErrors, path: str | Path) -> None:
 
 
 def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path) -> None:
-    """Draw a camera's path and the points of its map, over the longest axis of the path and the widest other, as PNG.
+    """Draw a camera's whole path and the points beside it, over its longest axis and the widest other, as PNG.
 
     Parameters
     ----------
     positions : (T, 3) float64
         Of the camera, m.
     xyz : (N, 3) float64
-        Points, m; the nearest nine tenths are in the picture.
+        Points, m; the nine tenths that are nearest to the path are in the picture (`beside_path`).
     path : str or path
         The file to write.
 
@@ -97,22 +99,59 @@ def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path)
     OutputError
         If it cannot be written.
     """
+    buffer = io.BytesIO()
+    plan_picture(positions, xyz).savefig(buffer, format="png", metadata={"Software": None})
+    write_bytes(path, buffer.getvalue())
+
+
+def plan_picture(positions: FloatArray, xyz: FloatArray) -> Figure:
+    """The picture that `write_plan_picture` writes, seen from above where the path is level."""
     figure = Figure(figsize=(10, 6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()
-    away = np.linalg.norm(xyz - np.median(positions, axis=0), axis=1)
-    near = xyz[away <= np.quantile(away, 0.9)]
+    near = xyz[beside_path(positions, xyz)]
     a = int(np.argmax(np.ptp(positions, axis=0)))
-    b = max((axis for axis in range(3) if axis != a), key=lambda axis: float(near[:, axis].std()))
+    spread = near.std(axis=0) if len(near) else np.ptp(positions, axis=0)
+    b = max((axis for axis in range(3) if axis != a), key=lambda axis: float(spread[axis]))
     ax.scatter(near[:, a], near[:, b], s=0.4, c="#8a94a0", linewidths=0, rasterized=True, label="points of keyframes")
     ax.plot(positions[:, a], positions[:, b], color=_ESTIMATED, lw=1.6, label="camera")
     ax.plot(*positions[0, [a, b]], "o", color=_TRUE, ms=5, label="start")
+    ax.plot(*positions[-1, [a, b]], "s", color=_ESTIMATED, ms=5, label="end")
     ax.set(xlabel=f"{'xyz'[a]}, m", ylabel=f"{'xyz'[b]}, m", title="Camera path and map")
     ax.set_aspect("equal", adjustable="datalim")
+    if (a, b) in _MIRRORED:
+        ax.invert_yaxis()
     ax.legend(markerscale=1.5)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    write_bytes(path, buffer.getvalue())
+    return figure
+
+
+def beside_path(positions: FloatArray, xyz: FloatArray) -> BoolArray:
+    """Mark the nine tenths of points that are nearest to a path, wherever along it they are.
+
+    Parameters
+    ----------
+    positions : (T, 3) float64
+        Of the camera, m.
+    xyz : (N, 3) float64
+        Points, m.
+
+    Returns
+    -------
+    (N,) bool
+
+    Examples
+    --------
+    >>> street = np.stack([np.zeros(11), np.zeros(11), np.arange(11) * 10.0], axis=1)
+    >>> beside = street + (4.0, 0.0, 0.0)
+    >>> beside_path(street, np.vstack([beside, [[500.0, 0.0, 50.0]]])).tolist() == [True] * 11 + [False]
+    True
+    """
+    from scipy.spatial import cKDTree
+
+    if not len(xyz):
+        return np.zeros(0, bool)
+    away, _ = cKDTree(positions).query(xyz)
+    return np.asarray(away <= np.quantile(away, _SHARE))
 
 
 def _draw_plan(ax: Axes, errors: PathErrors) -> None:

@@ -77,7 +77,8 @@ CAPTIONS = {
 def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Path], path: str | Path) -> Path:
     """Write a report as one HTML file that loads nothing from anywhere.
 
-    It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. A
+    It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. Of a
+    run of several frames the headline is the run's, and it is said which frame the mesh is of. A
     content security policy in the page forbids every request. The same input gives the same bytes.
 
     Parameters
@@ -85,7 +86,8 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
     frame : FrameView
         The frame to show; of several, the selected one. Signals and responses with channels show their mean.
     run : mapping
-        Numbers of the run. Plain values become rows of one table, a mapping a table of its own, a list of mappings a
+        Numbers of the run: what ``run.json`` holds, or others. ``frames`` over 1 makes it a run of several. Plain
+        values become rows of one table, a mapping a table of its own, a list of mappings a
         table with a row each (such as one row a frame); ``warnings``, a list of ``{"code", "message"}`` or strings,
         stands on top.
     pictures : sequence of Path
@@ -124,12 +126,13 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
     sections = [
         _header(frame, run),
         _warnings(run.get("warnings") or []),
+        _shown(frame, run),
         _scene(frame),
         _numbers(run, folded=False),
         _pictures(pictures),
         _numbers(run, folded=True),
     ]
-    title = html.escape(f"TSP-SLAM report: {frame.name}")
+    title = html.escape(f"TSP-SLAM report: {_title(frame, run)}")
     page = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
@@ -144,22 +147,60 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
     return Path(path)
 
 
-def _header(frame: FrameView, run: Mapping[str, Any]) -> str:
+def _is_of_several(run: Mapping[str, Any]) -> bool:
+    frames = run.get("frames")
+    return isinstance(frames, int) and frames > 1
+
+
+def _title(frame: FrameView, run: Mapping[str, Any]) -> str:
+    return str(run.get("source", frame.name)) if _is_of_several(run) else frame.name
+
+
+def _tiles(tiles: Sequence[tuple[str, Any]]) -> str:
+    cells = "".join(f'<div class="tile"><b>{_value(v)}</b><span>{_text(k)}</span></div>' for k, v in tiles)
+    return f'<div class="tiles">{cells}</div>'
+
+
+def _sizes(frame: FrameView) -> list[tuple[str, Any]]:
     complex_ = frame.complex_
-    tiles = [
+    return [
         ("points", complex_.n),
         ("edges", len(complex_.edges)),
         ("faces", len(complex_.faces)),
         ("Euler characteristic", complex_.n - len(complex_.edges) + len(complex_.faces)),
         ("vertices with a response", int(frame.response.defined.sum())),
     ]
-    cells = "".join(f'<div class="tile"><b>{_value(v)}</b><span>{_text(k)}</span></div>' for k, v in tiles)
+
+
+def _counts(run: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """How a run of several frames went."""
+    counts = {key: run[key] for key in ("frames", "tracked", "keyframes", "landmarks", "loops") if key in run}
+    rows = run.get("per_frame")
+    if _is_table(rows) and isinstance(rows, list):
+        counts |= {"lost": sum(bool(row.get("is_lost")) for row in rows), "skipped": run["frames"] - len(rows)}
+    order = ("frames", "tracked", "lost", "skipped", "keyframes", "landmarks", "loops")
+    return [(key, counts[key]) for key in order if key in counts]
+
+
+def _shown(frame: FrameView, run: Mapping[str, Any]) -> str:
+    """Which of several frames the rest of the page shows, and its sizes."""
+    if not _is_of_several(run):
+        return ""
+    return (
+        f'<section><h2>Frame {_text(frame.name)}</h2><p class="quiet">The mesh in space, and the pictures but for the '
+        f"path, are of this one of {_value(run['frames'])} frames; the numbers above and the tables are of the run."
+        f"</p>{_tiles(_sizes(frame))}</section>"
+    )
+
+
+def _header(frame: FrameView, run: Mapping[str, Any]) -> str:
+    tiles = _counts(run) if _is_of_several(run) else _sizes(frame)
     status = str(run.get("status", ""))
     tone = "good" if status == "complete" else "note"
     badge = f'<span class="badge {tone}">{_text(status)}</span>' if status else ""
     return (
-        f'<header><p class="kicker">TSP-SLAM report</p><h1>{_text(frame.name)}{badge}</h1>'
-        f'<div class="tiles">{cells}</div></header>'
+        f'<header><p class="kicker">TSP-SLAM report</p><h1>{_text(_title(frame, run))}{badge}</h1>'
+        f"{_tiles(tiles)}</header>"
     )
 
 

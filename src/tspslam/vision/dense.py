@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,11 @@ from .rig import LEAST_TOTAL, back_project, covariance, require_baseline
 
 _SMOOTH = 1.0  # px of disparity between neighbouring pixels; more is an edge, across which nothing is interpolated
 _FARTHEST_MEDIAN = 1000.0  # m; a map whose median lies beyond is in another unit
+# A value at an end of a map's range that stands for "not known" shows in how common it is. OpenCV's block matching on
+# the Motorcycle pair: 13 to 45 % of the pixels, and 10 to 140 times the most common value between the ends.
+_DOMINANT_SHARE, _DOMINANT = 0.01, 4.0
+_FEWEST_LEVELS = 16  # values between the ends; fewer (a wall and a box) do not tell how common a value is
+_SIGNS = (-1.0, -16.0)  # of OpenCV's block matching, in px and in its sixteenths, where nothing else is negative
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,7 @@ def cloud_from_depth(
     rig : Rig
         The camera; any baseline will do for one without a second eye, and sets the covariance.
     depth : (H, W) array
-        z at each pixel; 0, NaN or infinite where it is not known.
+        z at each pixel; 0, NaN or infinite, or the largest of a type of whole numbers (65535), where it is not known.
     uv : (N, 2) array
         Places in the image, px.
     unit : float, optional
@@ -168,12 +174,62 @@ def disparity_of_depth(rig: Rig, depth: ArrayLike, *, unit: float | None = None)
     if values.dtype.kind in "iu" and unit is None:
         raise InputError(f"depth map is {values.dtype} without a unit, expected unit=0.001 for millimetres, say")
     scale = checked_unit(unit)
-    z = checked_map("depth", values.astype(np.float64) if values.dtype.kind in "iu" else values, rig) * scale
+    if values.dtype.kind in "iu":
+        values = known_values(values, (float(np.iinfo(values.dtype).max),))
+    z = checked_map("depth", values, rig) * scale
     z = np.where(z >= 1e-9, z, np.nan)
     median = float(np.nanmedian(z)) if np.isfinite(z).any() else 0.0
     if median > _FARTHEST_MEDIAN:
         raise InputError(f"depth map has a median of {median:.4g} m, expected metres; unit=0.001 reads millimetres")
     return rig.fx * rig.baseline / z - rig.doffs
+
+
+def unknown_values(values: NDArray[Any]) -> tuple[float, ...]:
+    """Values at the ends of a map's range that stand for "not known", besides 0 in whole numbers.
+
+    An end is one if it is the largest of its type of whole numbers, or -1 or -16 where nothing else is negative, or if
+    1 % of the pixels have it and four times as many as have any value between the ends.
+
+    Parameters
+    ----------
+    values : (H, W) array
+        Depths or disparities as they were written, whole numbers or floats.
+
+    Returns
+    -------
+    tuple of float
+        None, one or two, ascending.
+
+    Examples
+    --------
+    >>> unknown_values(np.array([[-16, 320, 336]], np.int16))
+    (-16.0,)
+    >>> unknown_values(np.array([[-32, -16, 336]], np.int16))
+    ()
+    """
+    known = values[np.isfinite(values)]
+    known = known[known != 0] if values.dtype.kind in "iu" else known
+    levels, count = np.unique(known, return_counts=True)
+    if len(levels) < 2:
+        return ()
+    between = count[1:-1]
+    often = max(_DOMINANT_SHARE * values.size, _DOMINANT * between.max(initial=0))
+    ends = {0, len(levels) - 1}
+    found = {end for end in ends if len(between) >= _FEWEST_LEVELS and count[end] >= often}
+    if levels[0] in _SIGNS and levels[1] >= 0:
+        found.add(0)
+    if values.dtype.kind in "iu" and levels[-1] in (65_535, np.iinfo(values.dtype).max):
+        found.add(len(levels) - 1)
+    return tuple(float(levels[end]) for end in sorted(found))
+
+
+def known_values(values: NDArray[Any], unknown: Sequence[float]) -> FloatArray:
+    """A map as float64, NaN where it is one of `unknown`, or 0 in whole numbers."""
+    is_unknown = values == 0 if values.dtype.kind in "iu" else np.zeros(values.shape, bool)
+    for value in unknown:
+        is_unknown |= values == np.asarray(value, values.dtype if values.dtype.kind == "f" else np.float64)
+    with np.errstate(over="ignore"):
+        return np.where(is_unknown, np.nan, values.astype(np.float64))
 
 
 def checked_unit(unit: float | None) -> float:

@@ -19,6 +19,7 @@ from .matches import Matches
 _WIDEST = 0.35  # of the image's width: disparities beyond it leave too little in common
 _LARGEST_LIMIT = 1e5  # px of disparity
 _FEW = 20  # supported matches that a range of disparities needs
+_POOR = 0.25  # matches per keypoint, below which it is asked whether the images are swapped
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,8 @@ class DescriptorMatcher:
         ------
         InputError
             If the descriptors differ in kind or length, or are neither uint8 nor float32.
+        GeometryError
+            If few match, and most disparities are behind the camera: the images look swapped.
         """
         if left.descriptor.shape[1:] == (0,):
             raise InputError(
@@ -93,6 +96,8 @@ class DescriptorMatcher:
             )
         low, high = widest_range(pair, self.min_disparity, self.max_disparity)
         i, j = self.pairs(left, right, pair.left.shape[0], low, high)
+        if len(i) < _POOR * len(left.uv):
+            survey_disparities(self, left, right, pair)
         rows = right.uv[j, 1] - left.uv[i, 1]
         median, spread = median_and_spread(rows)
         return Matches(i, j, left.uv[i, 0] - right.uv[j, 0], _nearness(left, right, i, j), median, spread)
@@ -145,12 +150,7 @@ def survey_disparities(
     i, j = matcher.pairs(left, right, pair.left.shape[0], -reach, reach)
     every = left.uv[i, 0] - right.uv[j, 0]
     disparity = every[supported(left.uv[i], every, tolerance=2.0)]
-    behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
-    if behind >= _FEW and 2 * behind > len(disparity):
-        raise GeometryError(
-            f"{pair.name}: {behind} of {len(disparity)} disparities are negative, expected positive ones; "
-            "the left and right images look swapped"
-        )
+    refuse_swapped(pair, disparity)
     disparity = disparity[(disparity >= low) & (disparity <= high)]
     if len(disparity) >= _FEW:
         first, last = np.quantile(disparity, (0.005, 0.995))
@@ -158,6 +158,16 @@ def survey_disparities(
         low, high = max(low, first - margin), min(high, last + margin)
     inside = (every >= low) & (every <= high)
     return (low, high), i[inside], j[inside]
+
+
+def refuse_swapped(pair: StereoPair, disparity: FloatArray) -> None:
+    """Raise GeometryError if most of some disparities, px, lie behind the camera."""
+    behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
+    if behind >= _FEW and 2 * behind > len(disparity):
+        raise GeometryError(
+            f"{pair.name}: {behind} of {len(disparity)} disparities are negative, expected positive ones; "
+            "the left and right images look swapped"
+        )
 
 
 def median_and_spread(values: FloatArray) -> tuple[float, float]:

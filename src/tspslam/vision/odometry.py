@@ -21,6 +21,7 @@ from .following import Pyramid, pyramid
 from .loops import MOST_DRIFT, joined, recognised, seen_again
 from .mapping import Map, NewPoints
 from .matching import RowMatcher, level_rows, search_near
+from .mismatch import refuse_one_picture
 from .orb import OrbDetector
 from .reconstruct import Detector, Matcher, Stereo, see
 from .rig import check_pair
@@ -418,6 +419,7 @@ class Odometry:
         if self._stamps and not pair.stamp >= self._stamps[-1]:
             raise InputError(f"{pair.name}: its stamp is {pair.stamp} s, expected {self._stamps[-1]} s or later")
         check_pair(pair)
+        refuse_one_picture(pair)
 
 
 def _new_points(stereo: Stereo) -> NewPoints:

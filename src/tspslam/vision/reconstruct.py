@@ -18,7 +18,7 @@ from .descriptors import DescriptorMatcher
 from .features import grey_levels
 from .matches import Matches
 from .matching import RowMatcher
-from .mismatch import explain_mismatch
+from .mismatch import explain_mismatch, refuse_one_picture, refuse_one_picture_stored_twice
 from .orb import OrbDetector
 from .rig import check_pair
 from .triangulate import PIXEL_SIGMA, triangulate
@@ -90,7 +90,8 @@ def reconstruct(
     InputError
         If the pair is not usable or the options contradict each other.
     GeometryError
-        If fewer than 3 points are found, or the images look swapped, turned, or not rectified.
+        If fewer than 3 points are found, or the images are one picture twice, or look swapped, turned, or not
+        rectified.
 
     Examples
     --------
@@ -164,9 +165,11 @@ def see(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     check_pair(pair)
     if pair.disparity is not None:
         return _of_map(pair, pair.disparity, detect(grey_levels(pair.left)))
+    refuse_one_picture(pair)
     left, right = both(lambda image: detect(grey_levels(image)), (pair.left, pair.right))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
+    refuse_one_picture_stored_twice(pair, matches)
     cloud = triangulate(pair.rig, left, matches)
     explain_mismatch(pair, left, right, len(cloud))
     if len(cloud) < _FEWEST:
