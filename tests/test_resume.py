@@ -22,11 +22,16 @@ from tspslam.io import RunFolder, read_trajectory
 from tspslam.journey import STATE_NAME
 from tspslam.pipeline import run
 from tspslam.types import Trajectory
+from tspslam.view import _style
 
-from .sequences import SETTINGS, corridor, write_sequence
+from .sequences import SETTINGS, SMALL_RIG, corridor, write_sequence
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
+    pytest.mark.xdist_group("resume"),  # they share a run
+]
 KILLS = 20
+LENGTH = 16.0  # m, two frames each: over the 25 frames between checkpoints
 
 # Imports and compiles once, then forks a run for each line that it is given: a start of a run costs no seconds.
 SERVER = textwrap.dedent("""
@@ -37,6 +42,7 @@ SERVER = textwrap.dedent("""
     from tspslam.pipeline import run
     import cv2, matplotlib.figure, tspslam.view.report, tspslam.view.pictures, tspslam.view.paths
     cv2.setNumThreads(1)
+    tspslam.view._style.DPI = float(os.environ["DPI"])
     source, out = Path(sys.argv[1]), Path(sys.argv[2])
     for line in sys.stdin:
         child = os.fork()
@@ -50,7 +56,7 @@ SERVER = textwrap.dedent("""
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return write_sequence(tmp_path_factory.mktemp("sequence") / "walk", corridor(30.0))
+    return write_sequence(tmp_path_factory.mktemp("sequence") / "walk", corridor(LENGTH, SMALL_RIG))
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +73,10 @@ def content(folder):
 
 
 def test_the_path_is_the_true_one(whole):
-    path, truth = read_trajectory(whole[0] / "trajectory.tum"), corridor(30.0)
+    path, truth = read_trajectory(whole[0] / "trajectory.tum"), corridor(LENGTH, SMALL_RIG)
     errors = evaluate_trajectory(path, Trajectory(np.arange(float(len(truth))), truth.truth))
     assert errors.matched == len(truth)
-    assert errors.ate_rmse_m < 0.003 * 30
+    assert errors.ate_rmse_m < 0.003 * LENGTH
 
 
 def test_two_runs_give_the_same_bytes(folder, whole, tmp_path):
@@ -86,7 +92,8 @@ def test_killed_at_twenty_moments_it_ends_with_the_same_bytes(folder, whole, tmp
     expected, seconds = whole
     rng, out, ends = random.Random(7), tmp_path / "run", []
     command = [sys.executable, "-c", SERVER, str(folder), str(out), *SETTINGS]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as server:
+    given = os.environ | {"DPI": str(_style.DPI)}
+    with subprocess.Popen(command, stdin=-1, stdout=-1, text=True, bufsize=1, env=given) as server:
 
         def attempt(patience):
             server.stdin.write("go\n")
