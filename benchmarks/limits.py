@@ -1,4 +1,4 @@
-"""Ratios of times that must not grow: ``python -m benchmarks.limits`` prints each beside its limit, and fails above one.
+"""Ratios of times that must not grow: ``python -m benchmarks.limits`` prints each by its limit, and fails above one.
 
 Times hang on what else a machine does, so the best of three attempts counts, and no test of the gate measures any: what
 must stay fast is guarded there by counting work (`tests/test_work.py`).
@@ -79,7 +79,8 @@ LIMITS = (
     Limit("first Hodge, beside factors of both Laplacians (0.5)", 0.9, lambda: _hodge("first_us")),
     Limit("later Hodge, beside factors of both Laplacians (0.02)", 0.06, lambda: _hodge("later_us")),
     Limit("each of four responses at once, beside one alone", 0.62, lambda: spectral.bank_figures()["ratio"]),
-    Limit("T-MAHF, beside our MAHF (0.01 to 0.03; the paper: 0.6)", 0.2, lambda: spectral.stage_figures(1_000)["ratio"]),
+    Limit("T-MAHF, beside our MAHF (0.01 to 0.03; the paper: 0.6)", 0.2,
+          lambda: spectral.stage_figures(1_000)["ratio"]),
     Limit("a street with maps and files, beside OpenCV's parts from frame to frame (0.7)", 1.0, _street),
     Limit("pose, beside bundle adjustment of it", 0.7, _pose),
     Limit("equations of 300 cameras, beside LAPACK (0.04)", 0.8, _cholesky),

@@ -1,3 +1,4 @@
+# ruff: noqa: E402
 """Work of the topology wing's kernels as executed lines: ``python -m tests.counted`` prints them as JSON.
 
 The kernels run as plain Python here, so that each line that runs can be counted: the same on every machine.

@@ -116,8 +116,11 @@ def test_a_frame_that_is_followed_is_not_searched_for_keypoints(monkeypatch):
 
 @pytest.mark.parametrize("job", ["import tspslam", "--help"])
 def test_help_and_import_load_no_package_of_numbers_or_pictures(job):
-    code = job if job.startswith("import") else "import sys; sys.argv = ['tspslam', '--help']; import runpy\n" + (
-        "try: runpy.run_module('tspslam', run_name='__main__')\nexcept SystemExit: pass"
+    code = (
+        job
+        if job.startswith("import")
+        else "import sys; sys.argv = ['tspslam', '--help']; import runpy\n"
+        + ("try: runpy.run_module('tspslam', run_name='__main__')\nexcept SystemExit: pass")
     )
     code += "\nimport sys; print('loaded', *{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
