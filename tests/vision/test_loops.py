@@ -70,7 +70,7 @@ def test_a_map_of_one_place_stops_growing(walk):
     """A map that grew would be three times as large.
 
     With thresholds nudged by 2 %, keypoints by 1e-6 px, other noise, and other registers of the processor, the largest
-    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and sights), and the path's error 3 to 4 mm.
+    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and sights), and the path's error 3 to 7 mm.
     """
     pairs, truth = to_and_fro(walk, 6)
     odometry, sizes = Odometry(RIG, detector=DETECTOR), []
@@ -80,7 +80,7 @@ def test_a_map_of_one_place_stops_growing(walk):
             sizes.append(size(odometry))
     assert (np.max(sizes, axis=0) <= 2 * sizes[0]).all(), sizes
     odometry.finish()
-    assert off(odometry, truth) < 0.01
+    assert off(odometry, truth) < 0.02
 
 
 def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk, monkeypatch):
@@ -264,7 +264,7 @@ def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
     monkeypatch.setattr(mapping, "_MOST_IMAGES", 1)
     odometry = went(to_and_fro(walk, 2)[0])
     held = [frame.grey is not None for frame in odometry.map.keyframes]
-    assert sum(held) <= 14
+    assert len(held) > 14 >= sum(held)
     assert all(held[-7:])
 
 
