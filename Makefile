@@ -13,16 +13,16 @@ demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say wh
 
 test: $(READY_DEV)  ## every check and every test
 	$(MAKE) check
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-latest: | $(LATEST)/bin/python  ## every test with the newest packages of today
 	$(LATEST)/bin/python -m pip install --quiet --upgrade --upgrade-strategy eager -e '.[dev,docs]'
-	$(LATEST)/bin/python -m pytest -n 2 --dist loadgroup
+	$(LATEST)/bin/python -m pytest -n 2 --dist loadfile
 
 test-oldest: | $(OLDEST)/bin/python  ## every test with the oldest packages that pyproject.toml allows
 	$(OLDEST)/bin/python .ci/floors.py > $(OLDEST)/floors.txt
 	$(OLDEST)/bin/python -m pip install --quiet --prefer-binary -c $(OLDEST)/floors.txt -e '.[dev,docs]'
-	$(OLDEST)/bin/python -m pytest -n 2 --dist loadgroup
+	$(OLDEST)/bin/python -m pytest -n 2 --dist loadfile
 
 constraints: | $(LATEST)/bin/python  ## take the versions of `make test-latest` as those of `make test`
 	grep '^#' constraints.txt > $(LATEST)/constraints.txt

@@ -81,12 +81,14 @@ def test_one_and_two_threads_give_the_same_bytes(capsys, pair_files):
     import cv2
 
     before, threads = {}, cv2.getNumThreads()
-    for count in (1, 2):
-        cv2.setNumThreads(count)
-        run_pair(capsys, pair_files)
-        before[count] = content(pair_files / "out")
-        shutil.rmtree(pair_files / "out")
-    cv2.setNumThreads(threads)
+    try:
+        for count in (1, 2):
+            cv2.setNumThreads(count)
+            run_pair(capsys, pair_files)
+            before[count] = content(pair_files / "out")
+            shutil.rmtree(pair_files / "out")
+    finally:
+        cv2.setNumThreads(threads)
     assert before[1] == before[2]
 
 
@@ -323,6 +325,7 @@ def test_names_that_are_no_text_are_escaped(pair_files, more):
 ])  # fmt: skip
 def test_closed_and_full_streams_lose_no_result(capsys, pair_files, streams, code, said):
     run_pair(capsys, pair_files)
+    (pair_files / "out/run.json").unlink()  # to be made anew
     line = f"{sys.executable} -m tspslam run left.png right.png --calib calib.yaml --out out {streams}"
     script = line + ("; exit ${PIPESTATUS[0]}" if "|" in streams else "")
     done = subprocess.run(["bash", "-c", script], cwd=pair_files, capture_output=True, text=True)
@@ -330,6 +333,7 @@ def test_closed_and_full_streams_lose_no_result(capsys, pair_files, streams, cod
     assert "Traceback" not in done.stderr
     assert "Exception" not in done.stderr
     assert said is None or said in done.stderr
+    assert json.loads((pair_files / "out/run.json").read_text())["status"] == "complete"
 
 
 def test_an_interruption_while_it_loads_is_one_line():

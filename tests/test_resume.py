@@ -26,10 +26,7 @@ from tspslam.view import _style
 
 from .sequences import SETTINGS, SMALL_RIG, corridor, write_sequence
 
-pytestmark = [
-    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
-    pytest.mark.xdist_group("resume"),  # they share a run
-]
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 KILLS = 20
 LENGTH = 16.0  # m, two frames each: over the 25 frames between checkpoints
 

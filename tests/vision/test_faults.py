@@ -19,8 +19,6 @@ from tspslam.vision.odometry import Odometry, Tracking
 from ..datasets.standard import kitti_seq1
 from ..sequences import DETECTOR, RIG, SETTINGS, Kept, corridor
 
-pytestmark = pytest.mark.xdist_group("faults")  # they share a walk
-
 
 class Edited:
     """Pairs of a sequence, changed by a function of place and pair that may raise."""

@@ -16,7 +16,6 @@ from tspslam.vision.tracking import Fix, binary_words
 
 from ..sequences import DETECTOR, RIG, corridor
 
-pytestmark = pytest.mark.xdist_group("loops")  # they share a walk
 THERE = 40  # frames; 0.5 m each
 
 

@@ -17,8 +17,6 @@ from tspslam.vision.tracking import SIGMA, Fix, binary_words, refined, resected
 from .. import sequences
 from ..sequences import DETECTOR, RIG, Kept
 
-pytestmark = pytest.mark.xdist_group("odometry")  # they share a walk
-
 
 def drive(pairs, detector=DETECTOR, **options):
     pairs = list(pairs)
