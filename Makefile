@@ -19,7 +19,7 @@ test-latest: | $(LATEST)/bin/python  ## every test with the newest packages of t
 	$(LATEST)/bin/python -m pip install --quiet --upgrade --upgrade-strategy eager -e '.[dev,docs]'
 	$(LATEST)/bin/python -m pytest -n 2 --dist loadfile
 
-test-oldest: | $(OLDEST)/bin/python  ## every test with the oldest packages that pyproject.toml allows
+test-oldest: | $(OLDEST)/bin/python  ## every test with the oldest packages that pyproject.toml allows; PYTHON=3.11 or 3.12, which they know
 	$(OLDEST)/bin/python .ci/floors.py > $(OLDEST)/floors.txt
 	$(OLDEST)/bin/python -m pip install --quiet --prefer-binary -c $(OLDEST)/floors.txt -e '.[dev,docs]'
 	$(OLDEST)/bin/python -m pytest -n 2 --dist loadfile
