@@ -5,6 +5,9 @@ READY := $(VENV)/ready
 READY_DEV := $(VENV)/ready-dev
 LATEST := .venv-latest
 OLDEST := .venv-oldest
+# Two workers on two cores: threads of the linear algebra would only wait for one another.
+TESTS := -m pytest -n 2 --dist loadfile
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
 .PHONY: demo test test-latest test-oldest constraints check bench bench-slam paper docs clean
 
@@ -13,16 +16,16 @@ demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say wh
 
 test: $(READY_DEV)  ## every check and every test
 	$(MAKE) check
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(ONE_THREAD) $(BIN)/python $(TESTS)
 
 test-latest: | $(LATEST)/bin/python  ## every test with the newest packages of today
 	$(LATEST)/bin/python -m pip install --quiet --upgrade --upgrade-strategy eager -e '.[dev,docs]'
-	$(LATEST)/bin/python -m pytest -n 2 --dist loadfile
+	$(ONE_THREAD) $(LATEST)/bin/python $(TESTS)
 
 test-oldest: | $(OLDEST)/bin/python  ## every test with the oldest packages that pyproject.toml allows; PYTHON=3.11 or 3.12, which they know
 	$(OLDEST)/bin/python .ci/floors.py > $(OLDEST)/floors.txt
 	$(OLDEST)/bin/python -m pip install --quiet --prefer-binary -c $(OLDEST)/floors.txt -e '.[dev,docs]'
-	$(OLDEST)/bin/python -m pytest -n 2 --dist loadfile
+	$(ONE_THREAD) $(OLDEST)/bin/python $(TESTS)
 
 constraints: | $(LATEST)/bin/python  ## take the versions of `make test-latest` as those of `make test`
 	grep '^#' constraints.txt > $(LATEST)/constraints.txt
