@@ -3,15 +3,34 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 READY_DEV := $(VENV)/ready-dev
+LATEST := .venv-latest
+OLDEST := .venv-oldest
+# Two workers on two cores: threads of the linear algebra would only wait for one another.
+TESTS := -m pytest -n 2 --dist loadfile
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test check bench bench-slam paper docs clean
+.PHONY: demo test test-latest test-oldest constraints check bench bench-slam paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
 
 test: $(READY_DEV)  ## every check and every test
 	$(MAKE) check
-	$(BIN)/python -m pytest -n 2
+	$(ONE_THREAD) $(BIN)/python $(TESTS)
+
+test-latest: | $(LATEST)/bin/python  ## every test with the newest packages of today
+	$(LATEST)/bin/python -m pip install --quiet --upgrade --upgrade-strategy eager -e '.[dev,docs]'
+	$(ONE_THREAD) $(LATEST)/bin/python $(TESTS)
+
+test-oldest: | $(OLDEST)/bin/python  ## every test with the oldest packages that pyproject.toml allows; PYTHON=3.11 or 3.12, which they know
+	$(OLDEST)/bin/python .ci/floors.py > $(OLDEST)/floors.txt
+	$(OLDEST)/bin/python -m pip install --quiet --prefer-binary -c $(OLDEST)/floors.txt -e '.[dev,docs]'
+	$(ONE_THREAD) $(OLDEST)/bin/python $(TESTS)
+
+constraints: | $(LATEST)/bin/python  ## take the versions of `make test-latest` as those of `make test`
+	grep '^#' constraints.txt > $(LATEST)/constraints.txt
+	$(LATEST)/bin/python -m pip freeze --exclude-editable >> $(LATEST)/constraints.txt
+	cp $(LATEST)/constraints.txt constraints.txt
 
 check: $(READY_DEV)  ## format, lint, strict types, import arrows
 	$(BIN)/ruff format --check src tests benchmarks examples experiments docs
@@ -22,8 +41,9 @@ check: $(READY_DEV)  ## format, lint, strict types, import arrows
 bench-slam: $(READY_DEV)  ## the camera path beside the true one; DATA=FOLDER for a recording of your own
 	$(BIN)/python -m benchmarks.slam $(if $(DATA),--data '$(DATA)',--docs docs)
 
-bench: $(READY_DEV)  ## figures against named references, beside the committed baseline
+bench: $(READY_DEV)  ## figures against named references, beside the committed baseline; fails where a ratio is too large
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.limits
 
 paper: $(READY_DEV)  ## every figure and table of the paper; DATA=FOLDER for frames of your own
 	$(BIN)/python -m experiments $(if $(DATA),--data '$(DATA)',--docs docs)
@@ -31,16 +51,16 @@ paper: $(READY_DEV)  ## every figure and table of the paper; DATA=FOLDER for fra
 docs: $(READY_DEV)
 	$(BIN)/python -m sphinx -W -b html docs docs/_build/html
 
-$(VENV)/bin/python:
-	$(PYTHON) -m venv $(VENV)
+$(VENV)/bin/python $(LATEST)/bin/python $(OLDEST)/bin/python:
+	$(PYTHON) -m venv $(@:/bin/python=)
 
 $(READY): pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet -e .
 	touch $@
 
-$(READY_DEV): pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet -e '.[dev,docs]'
+$(READY_DEV): pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,docs]'
 	touch $@ $(READY)
 
 clean:
-	rm -rf $(VENV) runs docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(LATEST) $(OLDEST) runs docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis

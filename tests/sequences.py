@@ -1,14 +1,29 @@
-"""Synthetic sequences written as folders."""
+"""Synthetic sequences: each pair rendered once, and written as folders."""
 
 from PIL import Image
 
+from tspslam import Rig
 from tspslam.datasets import synthetic
 from tspslam.vision.calibration import save_cameras
 from tspslam.vision.orb import OrbDetector
 
 RIG = synthetic.PAPER_RIG
+SMALL_RIG = Rig(RIG.fx / 2, RIG.fy / 2, RIG.cx / 2, RIG.cy / 2, RIG.baseline, RIG.width // 2, RIG.height // 2)
 DETECTOR = OrbDetector(count=800)
 SETTINGS = ["detector.count=800"]
+
+
+class Kept(synthetic.SyntheticSequence):
+    """A sequence that keeps its pairs: to render one takes five times as long as to track it."""
+
+    def __init__(self, *given, **options):
+        super().__init__(*given, **options)
+        self._pairs = {}
+
+    def __getitem__(self, index):
+        if index not in self._pairs:
+            self._pairs[index] = super().__getitem__(index)
+        return self._pairs[index]
 
 
 def write_sequence(folder, sequence):
@@ -22,5 +37,5 @@ def write_sequence(folder, sequence):
     return folder
 
 
-def corridor(length, **faults):
-    return synthetic.SyntheticSequence(synthetic.corridor(length), RIG, synthetic.Faults(noise=0.01, **faults))
+def corridor(length, rig=RIG, **faults):
+    return Kept(synthetic.corridor(length), rig, synthetic.Faults(**({"noise": 0.01} | faults)))

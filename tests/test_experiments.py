@@ -7,7 +7,6 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
-from PIL import Image
 
 matplotlib.use("Agg")
 
@@ -270,9 +269,8 @@ def test_numbers_and_text_are_fit_for_the_page():
     assert escaped(":doc:`synthetic`") == ":doc:`synthetic`"
 
 
-def test_pictures_are_readable(results):
+def test_a_picture_is_a_thousand_pixels_wide_or_more(results):
     figure = results("answer_c_hops_or_heat").figure
     figure.canvas.draw()
     width, _ = figure.canvas.get_width_height()
     assert width >= 1000
-    assert Image is not None

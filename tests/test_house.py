@@ -1,7 +1,9 @@
 """The house keeps its shape: arrows point down, the wings never meet, functions stay short."""
 
 import ast
+import re
 import statistics
+import tomllib
 from pathlib import Path
 
 import tspslam
@@ -146,3 +148,26 @@ def test_public_names_are_documented():
         if not ast.get_docstring(node)
     ]
     assert not missing
+
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_every_package_of_the_gate_has_an_exact_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [
+        *project["dependencies"],
+        *(name for extra in project["optional-dependencies"].values() for name in extra),
+    ]
+    lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines), lines
+    plain = lambda name: re.sub(r"[-_.]+", "-", name).lower()  # noqa: E731
+    exact = {plain(line.partition("==")[0]) for line in lines}
+    assert not {plain(re.match(r"[\w.-]+", line)[0]) for line in wanted} - exact
+
+
+def test_no_test_hangs_on_a_clock():
+    """But that of the killed runs, which takes it for the moments of its kills."""
+    clocks = re.compile(r"\b(perf_counter|process_time|monotonic|time\.time)\b")
+    tests = [path for path in (ROOT / "tests").rglob("*.py") if path.name not in ("test_house.py", "test_resume.py")]
+    assert [path.name for path in tests if clocks.search(path.read_text(encoding="utf-8"))] == []

@@ -18,7 +18,7 @@ _said: set[str] = set()
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile `function` with numba, for one core; same input, same bytes."""
+    """Compile `function` with numba, for one core; on one machine, same input, same bytes."""
     return _compile(function, fastmath=False)
 
 

@@ -65,7 +65,8 @@ def run(
     """Track the camera through the pairs of `source` and fill the run folder `out`.
 
     A pair that cannot be used is skipped with a warning, and the run is degraded; if none can, its error is raised.
-    A run that was stopped goes on from the last checkpoint and ends with the same bytes.
+    A run that was stopped goes on from the last checkpoint and, on the same machine with the same versions, ends with
+    the same bytes.
 
     Parameters
     ----------

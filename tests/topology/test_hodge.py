@@ -1,3 +1,4 @@
+import importlib.util
 import sys
 
 import numpy as np
@@ -27,7 +28,8 @@ COMPLEXES = {
     "projective plane": PLANE,
 }
 every = pytest.mark.parametrize("complex_", COMPLEXES.values(), ids=COMPLEXES)
-methods = pytest.mark.parametrize("method", ["factor", "cg", "amg"])
+multigrid = pytest.mark.skipif(importlib.util.find_spec("pyamg") is None, reason="pyamg is not installed")
+methods = pytest.mark.parametrize("method", ["factor", "cg", pytest.param("amg", marks=multigrid)])
 
 
 def flow(complex_, *channels):
@@ -152,7 +154,7 @@ def test_the_factor_is_kept_with_the_complex(monkeypatch):
     hodge_decompose(complex_, flow(complex_))
 
 
-@pytest.mark.parametrize("installed", [True, False])
+@pytest.mark.parametrize("installed", [pytest.param(True, marks=multigrid), False])
 def test_large_systems_go_to_multigrid_or_conjugate_gradients(monkeypatch, installed):
     monkeypatch.setattr(solvers, "LARGEST_FACTOR", 100)
     if not installed:

@@ -38,22 +38,30 @@ def _at_depths(frame, depths):
     return replace(frame, cloud=Cloud(xyz, frame.cloud.uv, frame.cloud.disparity))
 
 
-def test_every_frame_gives_every_picture_without_a_warning(odd_frame, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "DPI", 70)  # small pictures, for the sake of time
+@pytest.fixture
+def coarse(monkeypatch):
+    """Small pictures, for the sake of time."""
+    monkeypatch.setattr(style, "DPI", 35)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_every_frame_gives_every_picture_without_a_warning(odd_frame, tmp_path):
     paths = write_pictures(odd_frame, tmp_path / "new" / "pictures")
     assert {path.stem for path in paths} >= ALWAYS
     for path in paths:
         with Image.open(path) as picture:
-            assert picture.size[0] == 700
-            assert 100 < picture.size[1] < 800
+            assert picture.size[0] == 350
+            assert 50 < picture.size[1] < 400
             assert picture.info["Software"] == "tspslam"
 
 
+@pytest.mark.usefixtures("coarse")
 def test_the_same_frame_gives_the_same_bytes(frame, tmp_path):
     first, second = (write_pictures(frame, tmp_path / k) for k in "ab")
     assert [x.read_bytes() for x in first] == [x.read_bytes() for x in second]
 
 
+@pytest.mark.usefixtures("coarse")
 def test_nothing_but_pictures_is_left_in_the_folder(frame, tmp_path):
     paths = write_pictures(frame, tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(paths)
@@ -74,6 +82,7 @@ def test_legend_counts_sum_to_the_points_drawn(odd):
     assert "3 points without a place" in _words(figure)
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("depths", "second"), [([3.0], True), ([3.0, 12.0], False), ([np.nan], False)])
 def test_a_continuous_scale_is_added_where_one_class_holds_nearly_all(frame, tmp_path, depths, second):
     names = {path.stem for path in write_pictures(_at_depths(frame, depths), tmp_path)}
@@ -205,6 +214,7 @@ def test_a_folder_that_cannot_be_made_is_an_output_error(frame, tmp_path):
         write_pictures(frame, tmp_path / "file" / "pictures")
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_failed_write_leaves_the_old_picture_and_no_temporary_file(frame, tmp_path, monkeypatch):
     (tmp_path / "keypoints.png").write_bytes(b"old")
 

@@ -163,18 +163,42 @@ def test_points_behind_a_camera_are_told_and_do_no_harm():
     assert np.isinf(found.distance[seen.point == 3]).any()
 
 
-def test_poses_that_nothing_fixes_are_an_error_or_stay():
+def test_a_pose_from_which_nothing_is_seen_stays_and_one_sight_is_met():
     T, xyz = world()
-    seen = seen_by(T, xyz)
-    alone = Observations(*(getattr(seen, name)[:1] for name in vars(seen)))
-    found = adjust(RIG, T, xyz, alone, fixed=np.zeros(5, bool), move_points=False)
-    assert np.isfinite(found.T_world_camera).all()
+    seen, off = seen_by(T, xyz), T.copy()
+    off[0, 0, 3] += 0.3
+    alone = Observations(*(getattr(seen, name)[:1] for name in vars(seen)))  # the first point from the first camera
+    found = adjust(RIG, off, xyz, alone, fixed=np.zeros(5, bool), move_points=False)
+    np.testing.assert_allclose(found.T_world_camera[1:], T[1:], atol=1e-12)
+    assert found.cost < 1e-9 < found.cost_before
+    assert found.distance[0] < 1e-4
+    assert np.abs(found.T_world_camera[0] - off[0]).max() > 0.01
 
 
-def test_many_cameras_and_points_are_fast_enough_to_keep_up():
+def test_a_world_that_no_pose_holds_is_found_up_to_its_place():
+    T, xyz = world()
+    found = adjust(RIG, *shaken(T, xyz), seen_by(T, xyz), fixed=np.zeros(5, bool))
+    there = inverse(found.T_world_camera[:1]) @ found.T_world_camera
+    assert found.cost < 1e-9
+    np.testing.assert_allclose(there, inverse(T[:1]) @ T, atol=1e-6)
+
+
+def test_many_points_settle_in_few_steps_on_equations_of_the_cameras_alone(monkeypatch):
+    """Four steps, each one pass over the sights and 54 equations; the optimum is that of fifty steps."""
+    from tspslam.vision import _bundle, bundle
+
+    sizes, passes, solved, reduce = [], [], bundle._solved, _bundle.reduce
+    monkeypatch.setattr(bundle, "_solved", lambda S, b: (sizes.append(S.shape), solved(S, b))[1])
+    monkeypatch.setattr(_bundle, "reduce", lambda *given: (passes.append(1), reduce(*given))[1])
     T, xyz = world(poses=10, points=1500)
     seen, start = seen_by(T, xyz, noise=0.5), shaken(T, xyz, far=0.02)
-    assert adjust(RIG, *start, seen, most_steps=6).cost < 1.5 * 3 * len(seen.pose)
+    found = adjust(RIG, *start, seen, most_steps=6)
+    assert set(sizes) == {(54, 54)}  # nine cameras move
+    assert len(passes) <= found.steps + 3
+    assert found.cost == pytest.approx(adjust(RIG, *start, seen, most_steps=50).cost, rel=1e-6)
+    # of 0.5 px about pixels (sigma 1) and 0.25 px about disparities (sigma 0.5): a quarter each, the points' share less
+    free = 3 * len(seen.pose) - 54 - 3 * 1500
+    assert found.cost == pytest.approx(0.25 * free, rel=6 * (2 / free) ** 0.5)
 
 
 GOOD = seen_by(*world(2, 5))

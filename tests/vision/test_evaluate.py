@@ -23,7 +23,7 @@ def path(n=120, seed=0, noise=0.0, scale=1.0):
 
 def elsewhere(trajectory, seed=5):
     T = np.eye(4)
-    T[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    T[:3, :3] = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     T[:3, 3] = 10, -20, 30
     return Trajectory(trajectory.stamp, T @ trajectory.T_world_camera)
 

@@ -17,7 +17,7 @@ from tspslam.vision import bundle
 from tspslam.vision.odometry import Odometry, Tracking
 
 from ..datasets.standard import kitti_seq1
-from ..sequences import DETECTOR, RIG, SETTINGS
+from ..sequences import DETECTOR, RIG, SETTINGS, Kept, corridor
 
 
 class Edited:
@@ -38,7 +38,7 @@ class Edited:
 
 @pytest.fixture(scope="module")
 def walk():
-    return synthetic.SyntheticSequence(synthetic.corridor(12.0), RIG, synthetic.Faults(noise=0.01))
+    return corridor(12.0)
 
 
 @pytest.fixture(scope="module")
@@ -145,30 +145,27 @@ def test_an_image_of_another_size_is_skipped(walk, tmp_path):
     assert "frame 5" in result["warnings"][0]["message"]
 
 
-def turning(step, frames=40, texture=None):
-    """A camera that turns on the spot in a room."""
-    scene = synthetic.room()
-    poses = np.stack([shapes.pose_at((0, 0, 0), (0, step * k, 0)) for k in range(frames)])
-    return synthetic.SyntheticSequence(replace(scene, path=poses), RIG, synthetic.Faults(noise=0.01))
+@pytest.fixture(scope="module")
+def turning():
+    """A camera that turns on the spot in a room, by 2° a frame."""
+    poses = np.stack([shapes.pose_at((0, 0, 0), (0, np.radians(2) * k, 0)) for k in range(30)])
+    return Kept(replace(synthetic.room(), path=poses), RIG, synthetic.Faults(noise=0.01))
 
 
-def test_a_pure_rotation_is_followed(tmp_path):
-    sequence = turning(np.radians(2))
-    result = driven(Edited(sequence, lambda k, pair: pair), tmp_path / "run")
+def test_a_pure_rotation_is_followed(turning, tmp_path):
+    result = driven(Edited(turning, lambda k, pair: pair), tmp_path / "run")
     assert result["status"] == "complete"
-    assert path_error(tmp_path / "run", sequence) < 0.02
+    assert path_error(tmp_path / "run", turning) < 0.02
 
 
-def test_a_turn_with_little_texture_is_followed_or_told(tmp_path):
-    sequence = turning(np.radians(2))
-
+def test_a_turn_with_little_texture_is_followed_or_told(turning, tmp_path):
     def fade(k, pair):
         if not 12 <= k < 24:
             return pair
         return replace(pair, **{s: np.uint8(110 + getattr(pair, s) // 12) for s in ("left", "right")})
 
-    result = driven(Edited(sequence, fade), tmp_path / "run")
-    error = path_error(tmp_path / "run", sequence)
+    result = driven(Edited(turning, fade), tmp_path / "run")
+    error = path_error(tmp_path / "run", turning)
     assert error < 0.05 or result["status"] == "degraded"
 
 

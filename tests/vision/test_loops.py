@@ -7,18 +7,15 @@ import numpy as np
 import pytest
 
 from tspslam import InputError, Trajectory, evaluate_trajectory
-from tspslam.datasets import synthetic
 from tspslam.vision import mapping
 from tspslam.vision.following import pyramid
 from tspslam.vision.loops import MOST_DRIFT, joined, places_near, recognised, seen_again
 from tspslam.vision.odometry import Odometry
-from tspslam.vision.orb import OrbDetector
 from tspslam.vision.se3 import inverse
 from tspslam.vision.tracking import Fix, binary_words
 
-from ..sequences import RIG, corridor
+from ..sequences import DETECTOR, RIG, corridor
 
-DETECTOR = OrbDetector(count=800)
 THERE = 40  # frames; 0.5 m each
 
 
@@ -26,7 +23,22 @@ THERE = 40  # frames; 0.5 m each
 def walk():
     """Pairs and true poses of a walk down a corridor."""
     sequence = corridor(THERE * 0.5)
-    return [sequence[k] for k in range(THERE)], sequence.truth[:THERE]
+    return [replace(sequence[k], stamp=float(k), index=k) for k in range(THERE)], sequence.truth[:THERE]
+
+
+@pytest.fixture(scope="module")
+def state(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    return odometry.state()
+
+
+@pytest.fixture
+def there(walk, state):
+    """An odometry that walked there."""
+    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry.restore({name: values.copy() for name, values in state.items()}, lambda number: walk[0][number].left)
+    return odometry
 
 
 def to_and_fro(walk, passes):
@@ -54,21 +66,24 @@ def size(odometry):
 
 
 def test_a_map_of_one_place_stops_growing(walk):
-    pairs, truth = to_and_fro(walk, 8)
+    """A map that grew would be three times as large.
+
+    With thresholds nudged by 2 %, keypoints by 1e-6 px, other noise, and other registers of the processor, the largest
+    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and sights), and the path's error 3 to 7 mm.
+    """
+    pairs, truth = to_and_fro(walk, 6)
     odometry, sizes = Odometry(RIG, detector=DETECTOR), []
     for k, pair in enumerate(pairs, 1):
         odometry.process(pair)
         if k % (2 * THERE) == 0:
             sizes.append(size(odometry))
-    once, *_, last = sizes
-    assert (last <= 1.8 * once).all(), sizes
-    assert (last <= 1.15 * sizes[-2]).all(), sizes
+    assert (np.max(sizes, axis=0) <= 2 * sizes[0]).all(), sizes
     odometry.finish()
-    assert off(odometry, truth) < 0.01
+    assert off(odometry, truth) < 0.02
 
 
-def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk):
-    pairs, _ = to_and_fro(walk, 6)
+def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk, monkeypatch):
+    pairs, _ = to_and_fro(walk, 4)
     odometry = Odometry(RIG, detector=DETECTOR)
     before, gone = None, 0
     thin = odometry.map._thin
@@ -81,28 +96,24 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
     odometry.map._thin = watched
     for pair in pairs:
         odometry.process(pair)
-        for frame in odometry.map.keyframes:
-            assert len(np.unique(frame.landmark)) == len(frame.landmark)
+        assert all(len(np.unique(frame.landmark)) == len(frame.landmark) for frame in odometry.map.keyframes)
         assert not odometry.map.dropped
     assert gone > 0
     odometry.finish()
     before = odometry.trajectory.T_world_camera
     odometry.map.keyframes[1:-7] = [replace(frame) for frame in odometry.map.keyframes[1:-7]]
     while not odometry.map.dropped:  # fewer and fewer are needed
-        mapping._SEEN_ENOUGH, kept = mapping._SEEN_ENOUGH - 1, mapping._SEEN_ENOUGH
+        monkeypatch.setattr(mapping, "_SEEN_ENOUGH", mapping._SEEN_ENOUGH - 1)
         thin()
-    mapping._SEEN_ENOUGH = kept
     odometry._hand_over()
     np.testing.assert_allclose(odometry.trajectory.T_world_camera, before, atol=1e-9)
 
 
 @pytest.fixture
-def bent(walk):
-    """An odometry that walked there, whose map was then bent as by a drift of 6 cm and half a degree."""
+def bent(walk, there):
+    """An odometry that walked there, whose map was then bent as by a drift of 6 cm and a quarter of a degree."""
     pairs, truth = to_and_fro(walk, 2)
-    odometry = went(pairs[:THERE])
-    odometry._join()
-    T = np.eye(4)
+    odometry, T = there, np.eye(4)
     T[:3, 3] = 0.05, 0.0, 0.03
     c, s = np.cos(0.004), np.sin(0.004)
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
@@ -113,20 +124,25 @@ def bent(walk):
     return odometry, pairs, truth
 
 
-def test_a_loop_is_closed_and_the_drift_goes(monkeypatch):
-    sequence = synthetic.SyntheticSequence(synthetic.room(laps=1.25, frames=60), RIG, synthetic.Faults(noise=0.01))
-    pairs, bends, bend = list(sequence), [], mapping.Map.bend
-    monkeypatch.setattr(mapping.Map, "bend", lambda world, *given: (bends.append(given[0]), bend(world, *given)))
-    closed = went(pairs)
-    assert bends == [0]
-    assert closed.loops == 1
-    monkeypatch.setattr("tspslam.vision.odometry.seen_again", lambda *_: None)
-    assert off(closed, sequence.truth) < 0.7 * off(went(pairs), sequence.truth)
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
+    """The camera comes back to within 2.2 to 3.1 mm of where it began, or 14 to 27 mm if no place is known again.
+
+    Measured as for the map that stops growing; the drift that was put in is 58 mm at the far end.
+    """
+    odometry, pairs, truth = bent
+    if not is_closed:
+        monkeypatch.setattr("tspslam.vision.odometry.seen_again", lambda *_: None)
+    for pair in pairs[THERE:]:
+        odometry.process(pair)
+    odometry.finish()
+    left = float(np.linalg.norm((odometry.trajectory.T_world_camera - truth)[-1, :3, 3]))
+    assert (odometry.loops > 0) is is_closed
+    assert (left < 0.007) is is_closed
 
 
-def test_bending_moves_what_came_since_and_nothing_before(walk):
-    odometry = went(walk[0])
-    odometry._join()
+def test_bending_moves_what_came_since_and_nothing_before(there):
+    odometry = there
     world, T = odometry.map, np.eye(4)
     T[:3, 3] = 0.1, 0, 0
     before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
@@ -141,10 +157,8 @@ def test_bending_moves_what_came_since_and_nothing_before(walk):
     np.testing.assert_allclose(world.xyz[last] - xyz[last], [[moved[-1], 0, 0]] * len(last), atol=1e-12)
 
 
-def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk):
-    odometry = went(walk[0])
-    odometry._join()
-    world, image = odometry.map, pyramid(walk[0][3].left)
+def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):
+    world, image = there.map, pyramid(walk[0][3].left)
     features = DETECTOR(walk[0][3].left)
     T = walk[1][3].copy()
     T[0, 3] += 0.05
@@ -156,10 +170,8 @@ def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk):
     assert len(found.fix) >= 30
 
 
-def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(walk):
-    odometry = went(walk[0])
-    odometry._join()
-    world = odometry.map
+def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(there):
+    world = there.map
     frame = world.keyframes[0]
     here = Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
     none = np.zeros(len(world.xyz), np.bool_)
@@ -172,10 +184,9 @@ def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(walk):
     assert places_near(world, replace(here, T_world_camera=beyond), none) == []
 
 
-def test_a_place_too_far_for_any_drift_is_not_believed(walk):
+def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
     """Such as the same poster on another wall."""
-    odometry = went(walk[0])
-    odometry._join()
+    odometry = there
     image, features = pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
     words, frame, T = binary_words(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
     for shift, is_found in ((0.05, True), (1.5, False)):
@@ -196,10 +207,8 @@ def test_a_camera_that_only_turned_is_bent_too(walk):
     np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
 
 
-def test_landmarks_in_one_place_become_one(walk):
-    odometry = went(walk[0])
-    odometry._join()
-    world = odometry.map
+def test_landmarks_in_one_place_become_one(there):
+    world = there.map
     frame = world.keyframes[-1]
     n = len(frame.landmark)
     twin = np.arange(len(world.xyz), len(world.xyz) + n)
@@ -252,9 +261,9 @@ def test_nobody_is_recognised_where_nobody_was(walk):
 
 def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
     monkeypatch.setattr(mapping, "_MOST_IMAGES", 1)
-    odometry = went(to_and_fro(walk, 3)[0])
+    odometry = went(to_and_fro(walk, 2)[0])
     held = [frame.grey is not None for frame in odometry.map.keyframes]
-    assert sum(held) <= 14
+    assert len(held) > 14 >= sum(held)
     assert all(held[-7:])
 
 

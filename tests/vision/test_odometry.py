@@ -4,33 +4,35 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tspslam import GeometryError, InputError, Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
 from tspslam.vision.mapping import OffsetFilter
 from tspslam.vision.odometry import Odometry, Tracking
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.rig import project
 from tspslam.vision.scale_space import SiftDetector
-from tspslam.vision.tracking import binary_words, resected
+from tspslam.vision.tracking import SIGMA, Fix, binary_words, refined, resected
 
-RIG = synthetic.PAPER_RIG
-DETECTOR = OrbDetector(count=800)
+from .. import sequences
+from ..sequences import DETECTOR, RIG, Kept
 
 
-def drive(sequence, detector=DETECTOR, **options):
-    odometry = Odometry(sequence.rig, detector=detector, tracking=Tracking(**options))
-    tracked = [odometry.process(pair) for pair in sequence]
+def drive(pairs, detector=DETECTOR, **options):
+    pairs = list(pairs)
+    odometry = Odometry(pairs[0].rig, detector=detector, tracking=Tracking(**options))
+    tracked = [odometry.process(pair) for pair in pairs]
     odometry.finish()
     return odometry, tracked
 
 
-def errors(odometry, sequence):
-    return evaluate_trajectory(odometry.trajectory, Trajectory(sequence.stamps, sequence.truth))
+def errors(odometry, sequence, kept=slice(None)):
+    return evaluate_trajectory(odometry.trajectory, Trajectory(sequence.stamps[kept], sequence.truth[kept]))
 
 
 @pytest.fixture(scope="module")
 def corridor():
-    return synthetic.SyntheticSequence(synthetic.corridor(14.0), RIG, synthetic.Faults(noise=0.01, blur=0.4))
+    return sequences.corridor(14.0, blur=0.4)
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +50,52 @@ def test_a_walk_down_a_corridor_is_found_to_three_in_a_thousand(corridor, walked
     assert np.array_equal(odometry.trajectory.stamp, corridor.stamps)
 
 
-def test_the_covariance_is_that_of_the_errors_of_a_step(corridor, walked):
-    odometry, tracked = walked
-    estimate, truth = odometry.trajectory.T_world_camera, corridor.truth
-    steps = [np.linalg.inv(np.linalg.inv(T[:-1]) @ T[1:]) for T in (estimate, truth)]
-    off = np.linalg.norm((steps[0] - steps[1])[:, :3, 3], axis=1)
-    said = np.array([np.sqrt(np.trace(one.covariance[3:, 3:])) for one in tracked[1:]])
-    assert 0.2 < np.median(off) / np.median(said) < 5
+def mean_distance(errors, covariances):
+    """Squared Mahalanobis length of (ω, υ) for each degree of freedom: 1 if the covariances are the errors'."""
+    return np.mean([e @ np.linalg.solve(C, e) / 6 for e, C in zip(errors, covariances, strict=True)])
+
+
+def twist(T):
+    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
+
+
+def test_the_covariance_is_that_of_errors_where_sights_have_their_standard_deviations():
+    """Of 300 draws of six numbers; measured 0.96, as the Huber cost and the gates take some."""
+    _, _, xyz = scene(n=150)
+    uv, disparity = project(RIG, xyz), RIG.fx * RIG.baseline / xyz[:, 2]
+    rng, errors, covariances = np.random.default_rng(0), [], []
+    for _ in range(300):
+        seen = Fix(np.eye(4), np.arange(150), uv + rng.normal(0, SIGMA, uv.shape), np.full(150, np.nan), np.eye(6))
+        found = refined(RIG, seen, xyz, disparity + rng.normal(0, 0.3, 150), 0.3)
+        errors.append(twist(found.T_world_camera))
+        covariances.append(found.covariance)
+    assert mean_distance(errors, covariances) == pytest.approx(1, abs=4 * (2 / (6 * 300)) ** 0.5)
+
+
+def test_images_with_noise_scatter_a_pose_by_no_more_than_its_covariance(corridor):
+    """Thirty draws of noise of 3 % against one map: 0.3 of what is said, which allows 0.3 px of every kind of error."""
+
+    def noisy(k, seed):
+        rng = np.random.default_rng(seed)
+        pair = corridor[k]
+        both = (np.clip(np.rint(image + rng.normal(0, 7.5, image.shape)), 0, 255) for image in (pair.left, pair.right))
+        return replace(
+            pair, **{side: image.astype(np.uint8) for side, image in zip(("left", "right"), both, strict=True)}
+        )
+
+    odometry = Odometry(RIG, detector=DETECTOR)
+    for k in range(3):
+        odometry.process(corridor[k])
+    odometry._join()
+    state, found = odometry.state(), []
+    for seed in range(30):
+        again = Odometry(RIG, detector=DETECTOR)
+        again.restore({name: values.copy() for name, values in state.items()}, lambda k: corridor[k].left)
+        found.append(again.process(noisy(3, seed)))
+    middle = np.linalg.inv(found[0].T_world_camera)
+    steps = np.array([twist(middle @ one.T_world_camera) for one in found])
+    scatter = mean_distance(steps - steps.mean(axis=0), [one.covariance for one in found])
+    assert 0.03 < scatter < 1
 
 
 def test_two_runs_give_the_same_bytes(corridor, walked):
@@ -65,18 +106,17 @@ def test_two_runs_give_the_same_bytes(corridor, walked):
 
 @pytest.mark.parametrize("shift", [0.4, -0.3])
 def test_an_offset_of_the_calibration_is_found_from_the_motion(corridor, shift):
-    faults = synthetic.Faults(noise=0.005, right_shift=(shift, 0.0))
-    sequence = synthetic.SyntheticSequence(corridor.scene, RIG, faults)
-    odometry, _ = drive(sequence)
+    wrong = replace(RIG, doffs=shift)  # true: 0
+    pairs = [replace(pair, rig=wrong) for pair in corridor]
+    odometry, _ = drive(pairs)
     offset, std = odometry.disparity_offset
-    assert offset == pytest.approx(-shift, abs=max(0.1, 3 * std))
-    blind, _ = drive(sequence, sigma_offset=1e-3)
-    assert errors(odometry, sequence).ate_rmse_m < 0.6 * errors(blind, sequence).ate_rmse_m
+    assert offset == pytest.approx(shift, abs=max(0.1, 3 * std))
+    blind, _ = drive(pairs, sigma_offset=1e-3)
+    assert errors(odometry, corridor).ate_rmse_m < 0.6 * errors(blind, corridor).ate_rmse_m
 
 
 def test_a_still_camera_does_not_drift():
-    sequence = synthetic.SyntheticSequence(synthetic.still(12), RIG, synthetic.Faults(noise=0.01))
-    odometry, tracked = drive(sequence)
+    odometry, tracked = drive(Kept(synthetic.still(12), RIG, synthetic.Faults(noise=0.01)))
     assert np.abs(odometry.trajectory.T_world_camera[:, :3, 3]).max() < 0.002
     assert sum(one.is_keyframe for one in tracked) <= 2
 
@@ -96,11 +136,10 @@ def test_a_bad_frame_is_told_and_the_path_goes_on(corridor, spoil):
 
 
 def test_dropped_frames_are_bridged(corridor):
-    faults = synthetic.Faults(noise=0.01, dropped=(9, 10, 11))
-    sequence = synthetic.SyntheticSequence(corridor.scene, RIG, faults)
-    odometry, tracked = drive(sequence)
+    kept = np.delete(np.arange(len(corridor)), [9, 10, 11])
+    odometry, tracked = drive(corridor[k] for k in kept)
     assert not any(one.is_lost for one in tracked)
-    assert errors(odometry, sequence).ate_rmse_m < 0.01 * 14
+    assert errors(odometry, corridor, kept).ate_rmse_m < 0.01 * 14
 
 
 def test_pairs_that_do_not_belong_are_refused(corridor):
@@ -118,10 +157,9 @@ def test_pairs_that_do_not_belong_are_refused(corridor):
 
 
 def test_real_descriptors_serve_too(corridor):
-    few = synthetic.SyntheticSequence(corridor.scene, RIG, synthetic.Faults(dropped=tuple(range(6, len(corridor)))))
-    odometry, tracked = drive(few, detector=SiftDetector(count=400))
+    odometry, tracked = drive((corridor[k] for k in range(6)), detector=SiftDetector(count=400))
     assert not any(one.is_lost for one in tracked)
-    assert errors(odometry, few).ate_rmse_m < 0.02
+    assert errors(odometry, corridor, slice(6)).ate_rmse_m < 0.02
 
 
 def scene(seed=0, n=300):

@@ -1,4 +1,4 @@
-"""One frame's results on disk: a versioned npz, the same frame always the same bytes."""
+"""One frame's results on disk: a versioned npz; one set of versions gives the same frame the same bytes."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def image_size(path: PathLike) -> tuple[int, int]:
 
 
 def write_png(path: PathLike, array: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Write an array as PNG, whole or not at all; the same array gives the same bytes.
+    """Write an array as PNG, whole or not at all; one version of Pillow gives the same array the same bytes.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ def phase_wheel(figure: Figure, axes: Axes) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """Encode a page as PNG; the same page gives the same bytes."""
+    """Encode a page as PNG; one set of versions gives the same page the same bytes."""
     buffer = io.BytesIO()
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "tspslam"})
     return buffer.getvalue()

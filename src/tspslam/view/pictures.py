@@ -47,7 +47,7 @@ DEPTH_MAP, SIGNAL_MAP, MAGNITUDE_MAP = "viridis", "viridis", "inferno"
 
 
 def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
-    """Write every picture of a frame as PNG; the same frame gives the same bytes.
+    """Write every picture of a frame as PNG; one set of versions gives the same frame the same bytes.
 
     Parameters
     ----------

@@ -78,8 +78,8 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
     """Write a report as one HTML file that loads nothing from anywhere.
 
     It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. Of a
-    run of several frames the headline is the run's, and it is said which frame the mesh is of. A
-    content security policy in the page forbids every request. The same input gives the same bytes.
+    run of several frames the headline is the run's, and it is said which frame the mesh is of. A content security
+    policy in the page forbids every request. One set of versions gives the same input the same bytes.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Cholesky's factors of a symmetric matrix whose rows begin with zeros: those are skipped, and stay.
 
 A camera shares points with few others, so most of the reduced equations are zeros. One thread, one order of sums: the
-result has the same bytes however many threads a machine has, which those of a threaded LAPACK do not.
+result has the same bytes however many threads the machine has, which those of a threaded LAPACK do not.
 """
 
 from __future__ import annotations
