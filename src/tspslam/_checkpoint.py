@@ -110,7 +110,7 @@ def _is_row(row: Row) -> bool:
 
 def _is(value: object, kind: type) -> bool:
     if kind is list:
-        return isinstance(value, list) and all(_is(each, int) for each in value)
+        return isinstance(value, list) and all(_is(each, float) for each in value)
     if kind is float:
         return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST_NUMBER
     return type(value) is kind and (not isinstance(value, int) or abs(value) < _LARGEST_COUNT)
