@@ -19,7 +19,7 @@ settings.load_profile("gate")
 def _coarse_pictures(request):
     """Pictures that runs draw have a quarter of the dots an inch, except where they are what is tested."""
     with pytest.MonkeyPatch.context() as patch:
-        if not request.module.__name__.startswith("tests.view."):
+        if request.path.parent.name != "view":
             patch.setattr("tspslam.view._style.DPI", 35)
         yield
 

@@ -211,21 +211,21 @@ def test_a_folder_in_which_nothing_can_be_used_is_bad_input(capsys, sequence):
 
 
 INTERRUPTED = """
-import os, signal, sys
+import signal
 from tspslam import journey
 from tspslam.__main__ import main
-read = journey.Journey._one
-def interrupted(self, index):
+process = journey.Journey._process
+def interrupted(self, index, pair):
     if index == 2:
-        os.kill(os.getpid(), signal.SIGINT)
-    return read(self, index)
-journey.Journey._one = interrupted
+        signal.raise_signal(signal.SIGINT)
+    return process(self, index, pair)
+journey.Journey._process = interrupted
 main()
 """
 
 
 def test_an_interrupted_run_says_how_to_resume_and_resumes(capsys, sequence):
-    """The interrupt comes while the third of three pairs is read: never too early, never too late."""
+    """The interrupt comes before the third of three pairs: never too early, never too late."""
     words = ["run", str(sequence), "--out", str(sequence / "out")]
     done = subprocess.run([sys.executable, "-c", INTERRUPTED, *words], capture_output=True, text=True)
     assert done.returncode == 130

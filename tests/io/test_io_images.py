@@ -20,6 +20,8 @@ RAMP = (np.arange(30 * 40) * 53 % 65_521).reshape(30, 40)
 
 def encoded(mode, format_, **options):
     """An image file of a mode, with structure in it."""
+    if (mode, format_) == ("I;16", "PPM"):  # Pillow writes it from 11 on
+        return b"P5 40 30 65535\n" + RAMP.astype(">u2").tobytes()
     grey = Image.fromarray((RAMP % 256).astype(np.uint8))
     if mode.startswith("I"):
         image = Image.fromarray(RAMP.astype(np.uint16 if mode == "I;16" else np.int32))
@@ -119,7 +121,13 @@ def test_png_below_a_file_is_an_output_error(tmp_path):
     ],
 )
 def test_every_usual_kind_of_image_is_grey_or_rgb(tmp_path, mode, format_, ndim, dtype):
-    back = read_image(saved(tmp_path, encoded(mode, format_)))
+    data = encoded(mode, format_)
+    if mode == "YCbCr":
+        try:
+            Image.open(io.BytesIO(data)).load()
+        except OSError:
+            pytest.skip("this Pillow cannot read what it wrote")
+    back = read_image(saved(tmp_path, data))
     assert back.dtype == dtype
     assert back.shape == ((30, 40) if ndim == 2 else (30, 40, 3))
     assert back.flags.c_contiguous

@@ -118,6 +118,7 @@ def _multigrid(matrix: csr_array) -> Solve:
     """A guess good to about 1e-10: conjugate gradients with a V-cycle as preconditioner, sums in one order."""
     import pyamg
 
+    matrix.indices, matrix.indptr = (index.astype(np.int32) for index in (matrix.indices, matrix.indptr))  # as it wants
     cycle = pyamg.ruge_stuben_solver(matrix).aspreconditioner(cycle="V")
 
     def solve(b: FloatArray) -> FloatArray:
