@@ -90,7 +90,7 @@ def real_array(values: ArrayLike, what: str, shape: str) -> NDArray[Any]:
         raise InputError(f"{what} has rows of different lengths, expected {shape}") from error
     except (TypeError, RuntimeError) as error:  # a tensor on another device, or one that asks for a gradient
         raise InputError(f"{what} is {told(values)} and gives no array ({error}), expected {shape}") from error
-    if array.ndim == 0 and array.dtype.kind == "O":
+    if array.ndim == 0 and array.dtype.kind == "O" and values is not None:
         raise InputError(f"{what} is {with_part(values, what.split()[-1])}, expected {shape} real numbers")
     if array.size and array.dtype.kind not in "biuf":
         raise InputError(f"{what} is {array.dtype} of shape {array.shape}, expected {shape} real numbers")
