@@ -100,8 +100,10 @@ def run(
     settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
     with RunFolder.create(out, settings) as folder:
         journey = Journey(source, wanted, Session(source.rig, resolved.settings), folder)
-        record = _travel(journey, progress)
-        journey.session.close()
+        try:
+            record = _travel(journey, progress)
+        finally:
+            journey.session.close()
         seconds = {row["name"]: row["seconds"] for row in journey.rows if row.get("seconds")}
         folder.write_timings({"frames": seconds, "total_s": time.perf_counter() - started, "machine": machine()})
     return RunResult(out, record)
