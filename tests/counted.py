@@ -1,7 +1,7 @@
-# ruff: noqa: E402
 """Work of the topology wing's kernels as executed lines: ``python -m tests.counted`` prints them as JSON.
 
-The kernels run as plain Python here, so that each line that runs can be counted: the same on every machine.
+The kernels run as plain Python there, so that each line that runs can be counted: the same on every machine. To import
+this file changes nothing.
 """
 
 import collections
@@ -9,30 +9,28 @@ import json
 import sys
 import warnings
 
-from tspslam import _jit
 
-_jit.kernel = _jit.reassociated_kernel = _jit.inlined = lambda function: function
-_jit.prefetch = lambda *_: None
+def compile_nothing():
+    """Make kernels plain functions; before any is imported."""
+    from tspslam import _jit
 
-import numpy as np
-from scipy.spatial import Delaunay
-
-import tspslam
-from tspslam.topology import _bank, _harmonics, _kernels, _locality, _pixels
-
-warnings.simplefilter("ignore")  # of unsigned numbers that wrap around, as they do in the compiled kernels
-KERNELS = {module.__file__ for module in (_bank, _harmonics, _kernels, _locality, _pixels)}
+    _jit.kernel = _jit.reassociated_kernel = _jit.inlined = lambda function: function
+    _jit.prefetch = lambda *_: None
+    warnings.simplefilter("ignore")  # of unsigned numbers that wrap around, as they do in the compiled kernels
 
 
 def lines(job):
     """How many lines of each kernel a job runs."""
+    from tspslam.topology import _bank, _harmonics, _kernels, _locality, _pixels
+
+    kernels = {module.__file__ for module in (_bank, _harmonics, _kernels, _locality, _pixels)}
     found = collections.Counter()
 
     def line(frame, event, _):
         found[frame.f_code.co_name] += event == "line"
         return line
 
-    sys.settrace(lambda frame, *_: line if frame.f_code.co_filename in KERNELS else None)
+    sys.settrace(lambda frame, *_: line if frame.f_code.co_filename in kernels else None)
     try:
         job()
     finally:
@@ -42,6 +40,11 @@ def lines(job):
 
 def counts(n, scale=1):
     """Lines of each step on a random mesh of n vertices, on an image with so many times the pixels along a side."""
+    import numpy as np
+    from scipy.spatial import Delaunay
+
+    import tspslam
+
     rng = np.random.default_rng(0)
     uv, image = rng.random((n, 2)) * (63, 47), rng.integers(0, 256, (48, 64), np.uint8)
     faces = Delaunay(uv).simplices.astype(np.int32)
@@ -60,4 +63,5 @@ def counts(n, scale=1):
 
 
 if __name__ == "__main__":
+    compile_nothing()
     print(json.dumps({"small": counts(200), "large": counts(800), "fine": counts(200, scale=4)}))

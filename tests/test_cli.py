@@ -212,6 +212,7 @@ def test_a_folder_in_which_nothing_can_be_used_is_bad_input(capsys, sequence):
 
 INTERRUPTED = """
 import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests run in the background
 from tspslam import journey
 from tspslam.__main__ import main
 process = journey.Journey._process
