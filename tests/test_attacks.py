@@ -129,6 +129,18 @@ def test_a_mesh_without_any_response_is_degraded(capsys, pair_files):
     assert "warning: no vertex has a response" in err
 
 
+def test_an_unknown_value_in_metres_is_not_taken_for_none(capsys, pair_files):
+    depth = np.full((200, 300), 2000, np.uint16) + np.arange(300, dtype=np.uint16)
+    depth[:, :90] = 65535
+    Image.fromarray(depth).save(pair_files / "z.png")
+    words = ["run", pair_files / "left.png", "--depth", pair_files / "z.png", "--calib", pair_files / "calib.yaml"]
+    words += ["--unit", "0.001", "--out", pair_files / "out"]
+    code, line = complain(capsys, *words, "--unknown", "65.535")
+    assert (code, line.endswith("not in the map; expected its own step, 65535")) == (3, True)
+    assert complain(capsys, *words, "--unknown", "65.535", "--unit", "1e-9")[0] == 3
+    assert type_in(capsys, *words, "--unknown", "65535")[0] == 0
+
+
 @pytest.fixture(scope="module")
 def pairs(small_pair):
     left, right, rig = small_pair
