@@ -44,6 +44,8 @@ def require_path(value: Any, what: str = "path") -> None:
     """Refuse what names no file."""
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{what} is {told(value)}, expected the path of a file, text or pathlib.Path")
+    if value == "":
+        raise InputError(f"{what} is empty, expected the path of a file, text or pathlib.Path")
 
 
 def require_stage(value: Any, what: str, such: str) -> None:

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import io
 import json
+import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -144,9 +146,10 @@ def export_command(
     writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
     if to not in writers:
         raise typer.BadParameter(f"{to!r}, expected one of {', '.join(writers)}", param_hint="--to")
-    target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
-    _check_suffix(target, [to], "--output")
+    if output:
+        _check_suffix(output, [to], "--output")
     stored = RunFolder.open(run).finished_frame(frame)
+    target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
     if is_inside(target, run):
         raise InputError(f"{target}: lies in the run folder {run}; expected a place outside")
     check_output(target, MAPS[to], [run, stored], is_forced=force)
@@ -269,7 +272,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     width, x, height = text.lower().partition("x")
-    if not (x and width.isdecimal() and height.isdecimal() and len(text) < 20):
+    if not (x and text.isascii() and width.isdecimal() and height.isdecimal() and len(text) < 20):
         raise typer.BadParameter(f"{text!r}, expected WIDTHxHEIGHT in px, such as 1242x375", param_hint="--size")
     return int(width), int(height)
 
@@ -289,6 +292,7 @@ def main() -> None:
     """Run the command line; every error becomes one line and its exit code."""
     hold_streams()
     listen()
+    os.environ["MPLBACKEND"] = "agg"  # no window is opened; a name that Matplotlib no longer knows would end the run
     code = _exit_code(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
     sys.exit(code)
@@ -312,6 +316,7 @@ def _exit_code(arguments: list[str]) -> int:
 
 def _run(arguments: list[str]) -> int:
     words = [word for word in arguments if word != "--debug"]
+    _refuse_empty(words)
     _say()  # nothing, but a closed stdout is seen before the work
     page = io.StringIO()  # help, which click prints: as all else, it goes through `_say`
     is_page = "--help" in words or set(words) <= {"config", "calib"}
@@ -322,6 +327,13 @@ def _run(arguments: list[str]) -> int:
         outcome = stop.exit_code
     _say(*page.getvalue().splitlines())
     return outcome if isinstance(outcome, int) else COMPLETE
+
+
+def _refuse_empty(words: list[str]) -> None:
+    """Refuse empty words, as a shell's unset variables give: as paths they would be the folder one is in."""
+    for before, word in zip(["tspslam", *words], words, strict=False):
+        if not word or re.fullmatch("--[a-z-]+=", word):
+            raise typer.BadParameter(f"nothing follows {word or before}; is a variable of the shell unset?")
 
 
 def _code_of(error: Exception) -> int:
@@ -391,10 +403,14 @@ def _open_map(
 
 
 def _frame_range(text: str | None, count: int) -> range:
+    from ._text import is_plain
+
     if text is None:
         return range(count)
     first, colon, last = text.partition(":")
     try:
+        if not is_plain(text):  # int takes 1_0 and other digits too
+            raise ValueError
         chosen = range(count)[slice(int(first) if first else None, int(last) if last else None)]
     except ValueError:
         colon = ""

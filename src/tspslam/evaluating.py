@@ -97,8 +97,9 @@ def summary(errors: TrajectoryErrors) -> dict[str, Any]:
 
 def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:
     """Path of a run, and what ``run.json`` says of the frame of each pose."""
-    path = read_trajectory(run / "trajectory.tum")
-    found = RunFolder.open(run).read_rows()
+    folder = RunFolder.open(run)
+    folder.check_unchanged(run / "trajectory.tum")
+    path, found = read_trajectory(run / "trajectory.tum"), folder.read_rows()
     rows = {float(row["stamp"]): row for row in reversed(found)}  # of frames of one moment, the first
     lost = [stamp for stamp in path.stamp.tolist() if stamp not in rows]
     if lost:

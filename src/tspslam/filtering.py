@@ -16,7 +16,7 @@ from .errors import InputError
 from .io import RunFolder, StoredFrame, merge_corners, read_mesh, write_frame
 from .io.mesh import repeated_corners
 from .pipeline import RunResult, finish
-from .records import array_hash, hash_of, machine, pixel_warnings, versions
+from .records import array_hash, hash_of, machine, no_response, pixel_warnings, versions
 from .topology.complex import Complex
 from .topology.harmonic import Tmahf
 from .types import FloatArray
@@ -99,7 +99,7 @@ def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
     edges, faces = frame.complex_.edges, frame.complex_.faces
     sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
-        "status": "degraded" if _is_soup(frame.complex_) else "complete",
+        "status": "degraded" if _is_soup(frame.complex_) or not frame.response.defined.any() else "complete",
         "source": frame.name,
         "frames": 1,
         "complex": sizes | {"euler": frame.complex_.euler},
@@ -107,6 +107,7 @@ def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
         **({"bits": bits} if bits else {}),
         "warnings": [
             *({"code": code, "message": message} for code, message in _warnings(frame)),
+            *no_response(int(frame.response.defined.sum())),
             *pixel_warnings(bits),
         ],
         "versions": versions(),

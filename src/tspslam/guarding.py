@@ -112,7 +112,10 @@ def is_run(folder: Path) -> bool:
 
 
 def _above(path: Path) -> Iterable[Path]:
-    return Path(os.path.realpath(path)).parents
+    try:
+        return Path(os.path.realpath(path)).parents
+    except OSError:  # the folder one is in was deleted: who writes will say that this cannot be
+        return ()
 
 
 def _is_same(a: Path, b: Path) -> bool:

@@ -109,10 +109,11 @@ def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
     skipped = len(journey.rows) - len(tracked)
     lost = sum(row["is_lost"] for row in tracked)
     bare = any("no_complex" in row for row in tracked)
+    defined = sum(row["defined"] for row in stored)
     is_path = len(tracked) > 1
-    bits = {"bits": tracked[0]["bits"]} if "bits" in tracked[0] else {}
+    bits = next(({"bits": row["bits"]} for row in tracked if "bits" in row), {})
     return {
-        "status": "degraded" if skipped or lost or bare or odometry.unsolved else "complete",
+        "status": "degraded" if skipped or lost or bare or odometry.unsolved or not defined else "complete",
         "source": journey.source.name,
         "frames": len(journey.rows),
         "tracked": len(tracked) - lost,
@@ -136,6 +137,7 @@ def run_record(journey: JourneyLike, unpaired: Sequence[str]) -> dict[str, Any]:
             *(offset_doubts(journey.source.rig, *odometry.disparity_offset) if is_path else ()),
             *pixel_warnings(bits.get("bits"), tracked[0].get("unknown", [])),
             *_few_points(stored, journey.session),
+            *no_response(defined),
             *_warnings(unpaired, stored),
         ],
         "per_frame": [_row(row) for row in tracked],
@@ -180,6 +182,15 @@ def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[
         said = " and ".join(f"{value:g}" for value in unknown)
         message = f"{said} in the map stands for 'not known', by how common it is (--unknown for another value)"
         yield {"code": "unknown", "message": message}
+
+
+def no_response(defined: int) -> Iterator[Warning_]:
+    """That nothing came of it all, where no vertex has a response."""
+    if not defined:
+        message = (
+            "no vertex has a response: none has a signal and two neighbours or more that have one, in other places"
+        )
+        yield {"code": "no_response", "message": message}
 
 
 def _few_points(stored: list[Row], session: Session) -> Iterator[Warning_]:

@@ -207,6 +207,8 @@ class Frame:
 class Session:
     """A rig, settings, and the pairs that it processes one after another: frames of one path.
 
+    Threads that call `process`, `finish` or `close` of one session wait for each other.
+
     Parameters
     ----------
     rig : Rig
@@ -242,6 +244,7 @@ class Session:
         self._worker = ThreadPoolExecutor(1)
         self._busy: Future[Any] | None = None
         self._is_closed = False
+        self._lock = RLock()
 
     @cached_property
     def fingerprints(self) -> tuple[str, ...]:
@@ -275,6 +278,10 @@ class Session:
         require(pair, StereoPair, "pair")
         if pair.rig != self.rig:
             raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the session's {self.rig}")
+        with self._lock:
+            return self._process(pair)
+
+    def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
         frame = Frame(pair, self.odometry.process(pair), self.settings)
@@ -291,15 +298,17 @@ class Session:
         Trajectory
             Poses of all frames.
         """
-        self._wait()
-        self.odometry.finish()
-        return self.trajectory
+        with self._lock:
+            self._wait()
+            self.odometry.finish()
+            return self.trajectory
 
     def close(self) -> None:
         """Let the worker threads go; no further pair can be processed. Leaving a ``with`` block does that."""
-        self._is_closed = True
-        self._worker.shutdown()
-        self.odometry.close()
+        with self._lock:
+            self._is_closed = True
+            self._worker.shutdown()
+            self.odometry.close()
 
     def __enter__(self) -> Session:
         return self

@@ -81,7 +81,7 @@ class Levels:
         most = (1 << bits) - 1
         above = np.count_nonzero(image > most) / image.size
         if above > _STRAY:
-            needed = used_bits([image])
+            needed = holding(int(image.max()))
             said = f"{above:.0%} of the pixels are above {most}, the most that {bits} bits hold"
             raise InputError(f"{said}, expected bits={needed} to be given (--bits {needed})")
         moved = np.minimum(image, most) << (16 - bits)
@@ -90,6 +90,11 @@ class Levels:
     def bits_of(self, image: Image) -> int | None:
         """Bits that an image's pixels use, None unless they are of 16 bits."""
         return self.bits if image.dtype == np.uint16 else None
+
+
+def holding(value: int) -> int:
+    """Bits of the smallest converter that gives a value: 8, 10, 12, 14 or 16."""
+    return next(bits for bits in _DEPTHS if not value >> bits)
 
 
 def used_bits(images: Iterable[Image]) -> int:
@@ -110,4 +115,4 @@ def used_bits(images: Iterable[Image]) -> int:
             widened = widened and not (image % 257).any()
         if used >> 14:
             return 16
-    return 16 if widened or used % 4 == 0 else next(bits for bits in _DEPTHS if not used >> bits)
+    return 16 if widened or used % 4 == 0 else holding(used)

@@ -73,6 +73,8 @@ def pair_from_map(
     values = read_map(map_)
     try:
         _check_unit(kind, values, unit)
+        if unknown is not None and unit is not None:
+            _refuse_scaled(values, unknown, checked_unit(unit))
         found = unknown_values(values[values > 0] if kind == "depth" else values) if unknown is None else ()
         known = known_values(values, found if unknown is None else (unknown,))
         if kind == "depth":
@@ -158,6 +160,13 @@ def read_map(path: PathLike) -> NDArray[Any]:
     if values.ndim != 2 or values.dtype.kind not in "iuf":
         raise bad_input(path, f"holds {values.dtype} of shape {values.shape}", _EXPECTED)
     return values
+
+
+def _refuse_scaled(values: NDArray[Any], unknown: float, unit: float) -> None:
+    """Refuse a value in metres or px for "not known" that only the steps of the map would be."""
+    step = round(unknown / unit) if abs(unknown) < 1e9 and values.dtype.kind in "iu" else unknown
+    if step != unknown and not (values == unknown).any() and (values == step).any():
+        raise InputError(f"unknown is {unknown:g}, which is not in the map; expected its own step, {step:g}")
 
 
 def _check_unit(kind: str, values: NDArray[Any], unit: float | None) -> None:

@@ -258,9 +258,14 @@ class RunFolder:
             nearest = f", the nearest {' and '.join(map(str, near))}" if near else ""
             why = f"has no finished frame {index}{self._why_not(index)}"
             raise bad_input(self.path, why, f"one of its {len(stored)} frames{nearest}")
-        if not self.is_done(target, input_hash=unit.input):
-            raise bad_input(target, "is missing or was changed since the run", "the file that the manifest lists")
+        self.check_unchanged(target)
         return target
+
+    def check_unchanged(self, path: PathLike) -> None:
+        """Raise `InputError` if a file that the manifest lists is missing or was changed since the run."""
+        unit = self.units.get(self._name(path))
+        if unit is not None and not self.is_done(path, input_hash=unit.input):
+            raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
 
     @property
     def stored_frames(self) -> tuple[int, ...]:

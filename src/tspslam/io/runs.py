@@ -54,6 +54,7 @@ class StoredRun:
     @cached_property
     def trajectory(self) -> Trajectory:
         """Poses of the left camera, by stamp; the world is the first frame's camera. `InputError` if it has none."""
+        self._folder.check_unchanged(self.path / "trajectory.tum")
         return read_trajectory(self.path)
 
     @cached_property
@@ -146,6 +147,7 @@ def load_run(path: PathLike) -> StoredRun:
     record = folder.read_run()
     if not _is_record(record, folder.read_rows()):
         raise bad_input(folder.path / "run.json", "is not what a run writes", "status, frames and per_frame")
+    folder.check_unchanged(folder.path / "run.json")
     return StoredRun(folder.path, record)
 
 

@@ -57,15 +57,17 @@ def edge_flow(complex_: Complex, xyz: ArrayLike, field: ArrayLike | Field) -> Fl
     if points.ndim != 2 or len(points) != complex_.n:
         raise InputError(f"xyz has shape {points.shape}, expected ({complex_.n}, 3), or ({complex_.n}, 2) for pixels")
     i, j = complex_.edges.T
-    at = _evaluated(field, points)
-    mean = (at[i] + at[j]) / 2
-    if callable(field):
-        mean = (mean + 2 * _evaluated(field, (points[i] + points[j]) / 2)) / 3
-    flow: FloatArray = np.einsum("ed,ed->e", mean, points[j] - points[i])
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        at = _evaluated(field, points)
+        mean = (at[i] + at[j]) / 2
+        if callable(field):
+            mean = (mean + 2 * _evaluated(field, (points[i] + points[j]) / 2)) / 3
+        flow: FloatArray = np.einsum("ed,ed->e", mean, points[j] - points[i])
     bad = np.flatnonzero(~np.isfinite(flow))
     if len(bad):
         edge = complex_.edges[bad[0]].tolist()
-        raise InputError(f"xyz or field is not finite at edge {edge}, expected finite values at vertices with an edge")
+        said = f"xyz or field is not finite at edge {edge}, or their product is too large"
+        raise InputError(f"{said}; expected finite values at vertices with an edge")
     return flow
 
 

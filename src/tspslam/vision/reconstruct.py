@@ -29,6 +29,7 @@ Preset = Literal["paper"]
 
 PAPER_MATCHER = DescriptorMatcher(max_disparity=48.0)
 _FEWEST = 3
+_DARK = 1 << 13  # of 16-bit pixels: an eighth of white, which cameras of 8, 10 and 12 bits do not reach
 
 
 @dataclass(frozen=True)
@@ -211,8 +212,17 @@ def _require_features(pair: StereoPair, left: Features, right: Features) -> None
     if min(len(left.uv), len(right.uv)) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
-            "the images have too little texture"
+            f"the images have too little texture{_darkness(pair)}"
         )
+
+
+def _darkness(pair: StereoPair) -> str:
+    """Say that an image's 16-bit pixels fill so little of their range that they may use fewer bits; else nothing."""
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        brightest = int(image.max()) if image.dtype == np.uint16 else 0
+        if 0 < brightest < _DARK:
+            return f": the brightest pixel of the {side} one is {brightest} of 65535; do they use fewer bits (--bits)?"
+    return ""
 
 
 def _quality(left: Features, right: Features, matches: Any, cloud: Cloud) -> StereoQuality:
