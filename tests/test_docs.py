@@ -41,6 +41,13 @@ def test_code_on_a_page_runs(path):
             exec(compile(block, f"{path.name}, block {number}", "exec"), namespace)
 
 
+def test_code_in_the_readme_runs():
+    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    namespace = {"__name__": "__main__"}
+    for number, block in enumerate(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)):
+        exec(compile(block, f"README.md, block {number}", "exec"), namespace)
+
+
 def test_code_fits_the_column():
     assert [line for path in PAGES for block in code_of(path) for line in block.splitlines() if len(line) > 88] == []
 

@@ -232,6 +232,15 @@ def test_stereo_without_a_baseline_is_refused(call):
     assert "the rig has no baseline (a single camera), expected one, m" in refused(call)
 
 
+@pytest.mark.parametrize(("kind", "hint"), [("depth", "for a depth map any will do"), ("disparity", "z = fx")])
+def test_only_a_depth_map_may_take_any_baseline(tmp_path, kind, hint):
+    Image.fromarray(GREY).save(tmp_path / "l.png")
+    np.save(tmp_path / "map.npy", np.ones(GREY.shape))
+    save_cameras(SINGLE, tmp_path / "single.yaml")
+    files = (tmp_path / "l.png", tmp_path / "map.npy", tmp_path / "single.yaml")
+    assert f"expected one, m: {hint}" in refused(tspslam.datasets.pair_from_map, *files, kind=kind)
+
+
 def test_a_rig_without_a_size_is_refused():
     assert "rig: width is 0, expected a whole number from 1" in refused(Rig, fx=50, fy=50, cx=10, cy=5)
 

@@ -131,7 +131,7 @@ def filter_command(
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
-    frame: Annotated[int, typer.Option(min=0, help="Index of the frame.")] = 0,
+    frame: Annotated[int, typer.Option(min=0, help="Index of a keyframe.")] = 0,
     output: Annotated[
         Path | None, typer.Option(help="File to write, outside the run folder [default: RUN-FRAME.FORMAT here].")
     ] = None,

@@ -130,5 +130,6 @@ def _of_sequence(folder: Path) -> Trajectory:
     sequence = open_sequence(folder)
     truth = getattr(sequence, "truth", None)
     if truth is None:
-        raise InputError(f"{folder}: has no true poses, expected a sequence with them, or a file")
+        wanted = "a sequence with them (KITTI, EuRoC, UTIAS), or a file of them, such as poses.txt"
+        raise InputError(f"{folder}: has no true poses, expected {wanted}")
     return Trajectory(getattr(sequence, "stamps", np.arange(len(truth), dtype=np.float64)), truth)

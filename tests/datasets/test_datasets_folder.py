@@ -108,11 +108,12 @@ def test_raw_pairs_are_rectified_as_they_are_read(tmp_path: Path, raw_pair: tupl
         folder[0]
 
 
-def test_a_folder_without_a_calibration_names_the_one_of_ours(tmp_path: Path) -> None:
+def test_a_folder_without_a_calibration_says_where_one_may_be(tmp_path: Path) -> None:
     fill(tmp_path, ["a.png"], ["a.png"])
-    (tmp_path / "calib.yaml").unlink()
-    with pytest.raises(InputError, match=r"calib\.yaml: cannot be opened"):
+    elsewhere = (tmp_path / "calib.yaml").rename(tmp_path / "elsewhere.yaml")
+    with pytest.raises(InputError, match=r"holds no calibration, expected calib\.yaml, .* or a file by --calib"):
         StereoFolder(tmp_path)
+    assert StereoFolder(tmp_path, elsewhere).names == ["a"]
 
 
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:

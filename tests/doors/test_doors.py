@@ -84,6 +84,15 @@ def test_a_mesh_in_another_unit_or_around_the_camera_is_doubted():
     assert doubted(np.concatenate([XYZ, [[0, 0, -1]]])) == []  # of no face
 
 
+def test_a_mesh_before_a_single_camera_is_doubted_by_its_distance_alone():
+    single = replace(RIG, baseline=0.0)
+    for far in (1e-3, 1, 3):  # 4 mm to 12 m
+        assert doubted(XYZ * far, rig=single) == []
+    assert doubted(XYZ * 1000, rig=single) == [
+        "the mesh is 4050 m away in the median: is it in millimetres? Expected metres"
+    ]
+
+
 def test_what_is_no_mesh_is_named():
     with pytest.raises(InputError, match="mesh is SimpleNamespace, expected something with vertices and faces"):
         from_trimesh(SimpleNamespace(vertices=XYZ), IMAGE, RIG)

@@ -191,7 +191,11 @@ class _Reader:
 
 
 def _calibration_in(folder: Path) -> Path:
-    return next((folder / name for name in _CALIBRATIONS if (folder / name).exists()), folder / _CALIBRATIONS[0])
+    found = next((folder / name for name in _CALIBRATIONS if (folder / name).exists()), None)
+    if found is None:
+        wanted = f"{', '.join(_CALIBRATIONS)} in it, or a file by --calib (calib=)"
+        raise InputError(one_line(f"{folder}: holds no calibration, expected {wanted}"))
+    return found
 
 
 def _images(folder: Path, side: str) -> dict[str, Path]:

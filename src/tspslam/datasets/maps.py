@@ -39,7 +39,8 @@ def pair_from_map(
     map_ : str or path
         Depths or disparities of its pixels: a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a ``.npy`` file.
     calib : str or path
-        Calibration, as `tspslam.read_calibration` reads it; for a camera without a second eye any baseline will do.
+        Calibration, as `tspslam.read_calibration` reads it; for depths of a camera without a second eye any baseline
+        will do.
     kind : {"depth", "disparity"}
         What the map holds.
     unit : float, optional
@@ -69,7 +70,9 @@ def pair_from_map(
     """
     pixels, used = read_levelled(image, bits)
     rig = read_rectified(calib, (pixels.shape[1], pixels.shape[0]))
-    require_baseline(rig, f"{calib}", "for a depth map any will do, such as 0.1; it sets the covariance")
+    if kind == "depth":
+        require_baseline(rig, f"{calib}", "for a depth map any will do, such as 0.1; it sets the covariance")
+    require_baseline(rig, f"{calib}")
     values = read_map(map_)
     try:
         _check_unit(kind, values, unit)

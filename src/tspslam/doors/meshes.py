@@ -21,6 +21,7 @@ from ..vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
 _LEAST_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths beyond are hardly metres
+_USUAL_BASELINE = 0.1  # m, of stereo cameras held in the hand: stands in for that of a single camera
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,8 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
     -------
     list of str
         Of vertices on both sides of the camera; of depths at which what is seen would have a disparity of under 0.25 px
-        in the median, or of more than the image's width, for the rig's baseline.
+        in the median, or of more than the image's width, for the rig's baseline. A single camera is taken as one of a
+        baseline of 0.1 m, for the former only: a close-up is nothing odd for it.
 
     Examples
     --------
@@ -198,11 +200,13 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
             "nothing"
         )
     depth = float(np.median(z[textured.signals.vertex_ok]))
-    disparity = rig.fx * rig.baseline / depth
-    away = f"the mesh is {depth:.6g} m away in the median, a disparity of {disparity:.3g} px"
+    disparity = rig.fx * (rig.baseline or _USUAL_BASELINE) / depth
+    away = f"the mesh is {depth:.6g} m away in the median"
+    if rig.baseline:
+        away += f", a disparity of {disparity:.3g} px"
     if disparity < _LEAST_DISPARITY:
         found.append(f"{away}: is it in millimetres? Expected metres")
-    elif disparity > rig.width:
+    elif rig.baseline and disparity > rig.width:
         found.append(f"{away}, more than the image is wide: is it in another unit? Expected metres")
     return found
 
