@@ -24,7 +24,7 @@ LEVELS = {"vertices": (False, False), "+ edges": (True, False), "+ faces": (True
 
 def respond(image: np.ndarray, uv: np.ndarray, complex_: tspslam.Complex) -> dict[str, tspslam.Response]:
     """The harmonic fit on each choice of levels."""
-    signals, found = tspslam.sample_signals(image, uv, complex_), {}
+    signals, found = tspslam.sample_signals(image, uv, complex_, channels="all"), {}  # noise leaves [0, 1]
     for name, (edges, faces) in LEVELS.items():
         kept = replace(signals, edge_ok=signals.edge_ok & edges, face_ok=signals.face_ok & faces)
         found[name] = tspslam.tmahf(complex_, uv, kept, centering="harmonic")

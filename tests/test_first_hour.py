@@ -70,6 +70,7 @@ def test_float_images_are_luminance_in_0_to_1_wherever_one_enters(call, colour):
         assert refused(call, image(GREY.astype(dtype))).endswith("divide by 255")
     assert refused(call, image(257 * GREY.astype(np.float64))).endswith("divide by 65535")
     assert "from -0.5 to 0.5" in refused(call, image(np.linspace(-0.5, 0.5, 200).reshape(10, 20)))
+    assert "np.clip(image, 0, 1)" in refused(call, image(1.02 * FLOAT / FLOAT.max()))
     holed = FLOAT.copy()
     holed[3, 3] = np.nan
     assert "no NaN" in refused(call, image(holed))

@@ -121,5 +121,6 @@ def check_luminance(what: str, image: NDArray[Any]) -> None:
     low, high = float(image.min()), float(image.max())
     if not (low >= 0 and high <= 1):
         way = next((f": divide by {top}" for top in (255, 65535) if low >= 0 and 1.5 < high <= top), "")
+        way = way or (": np.clip(image, 0, 1), where it is noise or overshoot" if low >= -1 and high <= 1.5 else "")
         expected = "0 to 1 (float images), no NaN or infinite ones"
         raise InputError(f"{what} has values from {low:g} to {high:g}, expected {expected}{way}")
