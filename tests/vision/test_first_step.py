@@ -94,9 +94,20 @@ XYZ = np.tile((0.0, 0.0, 10.0), (1000, 1))
         (fix(62, 800), fix(60, 800, 1.0), None),
         (fix(90, 800), fix(85, 800, 0.01), "followed"),  # the same pose: each confirms the other
         (fix(90, 800), fix(85, 800, 1.0), "recognised"),
+        (fix(177, 840), fix(346, 1040, 1.0), "followed"),  # descriptors found an object that moves
+        (fix(130, 840), fix(500, 1040, 1.0), "recognised"),
         (None, None, None),
     ],
 )
 def test_a_pose_is_believed_on_many_landmarks_or_on_a_second_opinion(followed, recognised, wanted):
     found = believed(followed, recognised, XYZ)
     assert found is {"followed": followed, "recognised": recognised, None: None}[wanted]
+
+
+@pytest.mark.parametrize(("z", "wanted"), [(0.01, True), (1.0, False)])
+def test_a_steady_motion_is_believed_where_most_landmarks_move_with_something_else(z, wanted):
+    T_ahead = np.eye(4)
+    T_ahead[2, 3] = z
+    followed, recognised = fix(99, 940), fix(315, 1150, 0.5)
+    assert (believed(followed, recognised, XYZ, T_ahead) is followed) == wanted
+    assert believed(fix(17, 818), None, XYZ, np.eye(4)) is None

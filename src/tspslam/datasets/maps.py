@@ -117,6 +117,7 @@ def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int |
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
     >>> from tspslam.io import write_png
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_png(f"{folder}/grey.png", np.array([[0, 1000]], np.uint16))
@@ -153,6 +154,7 @@ def read_map(path: PathLike) -> NDArray[Any]:
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     np.save(f"{folder}/depth.npy", np.ones((2, 3)))
     ...     read_map(f"{folder}/depth.npy").shape

@@ -295,7 +295,8 @@ class Odometry:
         references, xyz = self.map.references(), self.map.xyz
         fix = locate(self.rig, image, references, xyz, ahead)
         if fix is None or fix.share < CLEAR_SHARE:
-            fix = believed(fix, self._recognise(pair, image), xyz)
+            is_steady = len(self._stamps) > 1 and self._lost == 0
+            fix = believed(fix, self._recognise(pair, image), xyz, ahead if is_steady else None)
         if fix is None:
             return None
         disparity = self._disparities(pair, image, fix) - self.map.offset.value

@@ -21,7 +21,9 @@ _LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
 # Shares of the landmarks in view that agree with a pose, from KITTI and EuRoC. Right ones: 0.35 to 0.6 at camera rate,
 # 0.27 and more at 5 m a frame, 0.1 and more seconds apart. Wrong ones, found near where the camera was not: up to 0.1.
 CLEAR_SHARE = 0.25  # from which a pose needs no second opinion
-_LEAST_ALONE, LEAST_RECOGNISED = 0.15, 0.1  # that a pose needs; with descriptors that led there too
+_LEAST_ALONE, LEAST_RECOGNISED = 0.12, 0.1  # that a pose needs; with descriptors that led there too
+_LEAST_STEADY = 0.05  # where the motion goes on as before, as behind an object that fills half of the view
+_MANY_MORE = 3  # times the landmarks of the other pose: right poses had 4 and more times those of wrong ones
 _SAME = 0.02  # m per m of depth between two poses that are one
 _LEAST_DEPTH = 0.1  # m
 _NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
@@ -128,11 +130,13 @@ def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_di
     return _settled(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or fix
 
 
-def believed(followed: Fix | None, recognised: Fix | None, xyz: FloatArray) -> Fix | None:
+def believed(
+    followed: Fix | None, recognised: Fix | None, xyz: FloatArray, T_ahead: FloatArray | None = None
+) -> Fix | None:
     """Which of two poses to believe: the one followed to from a guess, or the one that descriptors led to; or none.
 
-    That with more landmarks counts, if they are enough of those in view: a camera that moved farther than windows are
-    looked for finds a few landmarks near any guess.
+    A camera that moved farther than windows are looked for finds a few landmarks near any guess, so a pose needs enough
+    of those in view. Where both have enough, descriptors must lead to many more: they may be those of a moving object.
 
     Parameters
     ----------
@@ -140,19 +144,26 @@ def believed(followed: Fix | None, recognised: Fix | None, xyz: FloatArray) -> F
         The two.
     xyz : (M, 3) float64
         All landmarks, m.
+    T_ahead : (4, 4) float64, optional
+        Pose that a steady motion leads to, where the last motion is known.
     """
-    both = followed is not None and recognised is not None and _same(followed, recognised, xyz)
-    least = LEAST_RECOGNISED if both else _LEAST_ALONE
-    candidates = [(recognised, LEAST_RECOGNISED), (followed, least)]
-    enough = [fix for fix, share in candidates if fix is not None and fix.share >= share]
-    return max(enough, key=len, default=None)
+    is_steady = followed is not None and T_ahead is not None and _away(followed, T_ahead, xyz) <= _SAME
+    if followed is not None and is_steady and followed.share >= _LEAST_STEADY:
+        return followed
+    both = followed is not None and recognised is not None and _away(followed, recognised.T_world_camera, xyz) <= _SAME
+    if followed is not None and followed.share < (LEAST_RECOGNISED if both else _LEAST_ALONE):
+        followed = None
+    if recognised is not None and recognised.share < LEAST_RECOGNISED:
+        recognised = None
+    if followed is None or recognised is None:
+        return recognised if followed is None else followed
+    return recognised if len(recognised) >= _MANY_MORE * len(followed) else followed
 
 
-def _same(one: Fix, other: Fix, xyz: FloatArray) -> bool:
-    """Whether two poses are one, but for noise."""
-    T = one.T_world_camera
-    depth = float(np.median(_of_camera(xyz, one.landmark, T)[:, 2]))
-    return bool(np.linalg.norm((other.T_world_camera - T)[:3, 3]) <= _SAME * depth)
+def _away(fix: Fix, T_world_camera: FloatArray, xyz: FloatArray) -> float:
+    """How far a pose is from another, m per m of depth of its landmarks in the median."""
+    depth = float(np.median(_of_camera(xyz, fix.landmark, fix.T_world_camera)[:, 2]))
+    return float(np.linalg.norm((T_world_camera - fix.T_world_camera)[:3, 3])) / depth
 
 
 def _located(
