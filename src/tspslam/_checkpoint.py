@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._npz import Arrays, Schema, read_npz
+from ._text import parse_json
 from .errors import InputError
 from .vision._state import SCHEMA
 
@@ -81,7 +82,7 @@ def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:
 
 def _rows(data: bytes) -> list[Row]:
     try:
-        rows = json.loads(data, parse_constant=_refuse)
+        rows = parse_json(data)
     except (ValueError, RecursionError) as error:
         raise InputError("its rows are no JSON") from error
     if not isinstance(rows, list):
@@ -90,10 +91,6 @@ def _rows(data: bytes) -> list[Row]:
         if not (isinstance(row, dict) and _is_row(row)):
             raise InputError(f"row {number} is none of a frame")
     return rows
-
-
-def _refuse(name: str) -> None:
-    raise ValueError(name)
 
 
 def _is_row(row: Row) -> bool:

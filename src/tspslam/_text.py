@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import codecs
 import io
+import json
 import re
 from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 from . import _files
 from ._files import LARGEST_FILE, PathLike, bad_input, reason_of
@@ -143,6 +145,32 @@ def separators_of(text: str, separator: str | None = None) -> str:
         is_decimal = len(words) > 1 and any(map(_DECIMAL_COMMA.fullmatch, words))
         return ", with decimal commas" if is_decimal else ", separated by commas"
     return ", separated by blanks" if separator and separator not in text and len(words) > 1 else ""
+
+
+def parse_json(data: bytes) -> Any:
+    """Return what JSON says; ValueError for what is none, NaN and infinities too, RecursionError for the deepest.
+
+    Examples
+    --------
+    >>> parse_json(b'{"n": 3}')
+    {'n': 3}
+    """
+    return json.loads(data, parse_constant=_refuse_constant)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"it holds {name}")
+
+
+def is_whole(text: str, most: int) -> bool:
+    """Tell whether a text is a whole number without a sign, of at most so many digits, 0 to 9.
+
+    Examples
+    --------
+    >>> is_whole("12", 20), is_whole("-1", 20), is_whole("\u00b2", 20)
+    (True, False, False)
+    """
+    return text.isascii() and text.isdecimal() and len(text) <= most
 
 
 def is_plain(text: str) -> bool:

@@ -10,15 +10,10 @@ from pathlib import Path
 
 from .errors import InputError
 from .io import RunFolder
+from .io._places import is_of_a_run
 
 _FIRST = 1024  # bytes of a file that tell its kind
 _XML = rb"(\xef\xbb\xbf)?(<\?xml[^>]*\?>\s*)?"
-# Files and folders that runs make in their own.
-_OF_A_RUN = re.compile(
-    r"config\.yaml|manifest\.jsonl|\.lock|(run|timings)\.json|state\.npz|report\.html|map\.(vtu|ply)|"
-    r"trajectory\.(tum|kitti\.txt)|(frames|pictures)(/.*)?",
-    re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,7 @@ def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced:
             raise InputError(f"{output}: is the input {path} itself; expected another file")
     for folder in _above(output):
         inner = os.path.relpath(os.path.realpath(output), folder).replace(os.sep, "/")
-        if _OF_A_RUN.fullmatch(inner) and is_run(folder):
+        if is_of_a_run(inner) and is_run(folder):
             raise InputError(f"{output}: is a file of the run in {folder}; expected a place outside")
     try:
         if is_forced or not output.is_file() or output.stat().st_size == 0:

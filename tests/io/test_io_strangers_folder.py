@@ -52,6 +52,16 @@ NAMES = [
 ]  # fmt: skip
 
 
+def refuses_and_touches_nothing(run, said):
+    """Neither a run nor a reader takes the folder; each says why in one line."""
+    before = tree(run.parent)
+    for way in (lambda: RunFolder.create(run, CONFIG), lambda: RunFolder.open(run)):
+        with pytest.raises(InputError, match=said) as caught:
+            way()
+        assert "\n" not in str(caught.value)
+    assert tree(run.parent) == before
+
+
 @pytest.mark.parametrize("name", [*NAMES, "/ABSOLUTE/victim.txt"])
 @pytest.mark.parametrize("is_last", [True, False])
 def test_a_manifest_that_names_what_no_run_makes_is_damaged_and_nothing_is_touched(run, name, is_last):
@@ -59,12 +69,7 @@ def test_a_manifest_that_names_what_no_run_makes_is_damaged_and_nothing_is_touch
     lines = manifest.read_bytes().splitlines(keepends=True)
     lines.insert(2 if is_last else 1, line(name.replace("/ABSOLUTE", str(run.parent))))
     manifest.write_bytes(b"".join(lines))
-    before = tree(run.parent)
-    for way in (lambda: RunFolder.create(run, CONFIG), lambda: RunFolder.open(run)):
-        with pytest.raises(InputError, match=f"manifest.jsonl: line {2 + is_last} is damaged") as caught:
-            way()
-        assert "\n" not in str(caught.value)
-    assert tree(run.parent) == before
+    refuses_and_touches_nothing(run, f"manifest.jsonl: line {2 + is_last} is damaged")
 
 
 def test_a_run_lists_only_what_a_run_makes(run):
@@ -97,12 +102,7 @@ def replaced(path, target):
 @pytest.mark.parametrize("name", PLACES)
 def test_a_link_in_a_place_of_ours_is_refused_before_anything_is_written_or_swept(run, name, target):
     replaced(run / name, run / name if target == "loop" else run.parent / target)
-    before = tree(run.parent)
-    for way in (lambda: RunFolder.create(run, CONFIG), lambda: RunFolder.open(run)):
-        with pytest.raises(InputError, match=f"{name}: is a link; expected") as caught:
-            way()
-        assert "\n" not in str(caught.value)
-    assert tree(run.parent) == before
+    refuses_and_touches_nothing(run, f"{name}: is a link; expected")
 
 
 def test_a_link_to_a_run_folder_s_own_file_is_refused_too(run):

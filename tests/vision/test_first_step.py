@@ -9,7 +9,7 @@ from tspslam.datasets import KittiSequence, open_sequence, synthetic
 from tspslam.datasets.synthetic import shapes
 from tspslam.vision.features import Features
 from tspslam.vision.odometry import Odometry
-from tspslam.vision.tracking import Fix, believed
+from tspslam.vision.tracking import Fix, believed, is_clear
 
 from ..datasets.standard import kitti_seq1, shared
 from ..sequences import DETECTOR, RIG
@@ -109,5 +109,8 @@ def test_a_steady_motion_is_believed_where_most_landmarks_move_with_something_el
     T_ahead = np.eye(4)
     T_ahead[2, 3] = z
     followed, recognised = fix(99, 940), fix(315, 1150, 0.5)
-    assert (believed(followed, recognised, XYZ, T_ahead) is followed) == wanted
-    assert believed(fix(17, 818), None, XYZ, np.eye(4)) is None
+    assert is_clear(followed, XYZ, T_ahead) == wanted
+    assert believed(followed, recognised, XYZ) is recognised  # what is asked where it is not clear
+    assert not is_clear(followed, XYZ, None)
+    assert not is_clear(fix(17, 818), XYZ, np.eye(4))
+    assert believed(fix(17, 818), None, XYZ) is None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import PathLike, bad_input
-from .._text import Line, numbers, read_lines, separators_of
+from .._text import Line, is_whole, numbers, read_lines, separators_of
 from ..errors import InputError
 from ..topology.complex import build_complex
 from ..topology.surface import delaunay_surface
@@ -140,6 +140,6 @@ def _points(path: Path, wanted: set[int]) -> dict[int, FloatArray]:
 
 
 def _id(path: Path, line: Line, word: str) -> int:
-    if not (word.isascii() and word.isdecimal() and len(word) <= 20):
+    if not is_whole(word, 20):
         raise bad_input(path, f"line {line[0]} begins with {word[:40]!r}", "the number of a point")
     return int(word)

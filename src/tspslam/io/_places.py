@@ -41,6 +41,18 @@ def is_result(name: str) -> bool:
     return name in _RESULTS or bool(_FRAME.fullmatch(name)) or (picture is not None and is_word(picture[1]))
 
 
+def is_of_a_run(name: str) -> bool:
+    """Whether a name is one of ours in a run folder, or lies in a folder of ours; in any case, as some disks take it.
+
+    Examples
+    --------
+    >>> [is_of_a_run(name) for name in ("Map.ply", "frames/mine.txt", ".lock", "mine.txt")]
+    [True, True, True, False]
+    """
+    lower = name.lower()
+    return lower in _BOOKS or lower in _RESULTS or lower.split("/")[0] in PARTS
+
+
 def check_places(folder: Path) -> None:
     """Refuse a folder where what a run would write is a link, or no file or folder, so that none is followed.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from .._text import is_whole
 from ..errors import InputError
 
 LARGEST_HEADER = 1 << 16
@@ -99,7 +100,7 @@ def _order(words: list[str]) -> str:
 
 
 def _element(words: list[str], earlier: list[Element]) -> Element:
-    if len(words) != 3 or not (words[2].isascii() and words[2].isdecimal()) or len(words[2]) > 18:
+    if len(words) != 3 or not is_whole(words[2], 18):
         raise InputError(f"has the header line {' '.join(words)[:80]!r}")
     if any(words[1] == each.name for each in earlier):
         raise InputError(f"has two elements called {words[1][:80]}")

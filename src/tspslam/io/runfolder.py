@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from .._atomic import bad_output, make_folder, write_bytes
 from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
+from .._text import parse_json
 from ..errors import InputError, OutputError
 from . import _config
 from ._places import CONFIG, MANIFEST, PARTS, TIMINGS, check_places, is_result, is_word
@@ -371,7 +372,7 @@ class RunFolder:
     def _read_json(self, name: str) -> dict[str, Any]:
         target = self.path / name
         try:
-            values = json.loads(read_bytes(target, "a JSON object", _LARGEST_JSON), parse_constant=_refuse_constant)
+            values = parse_json(read_bytes(target, "a JSON object", _LARGEST_JSON))
         except (ValueError, RecursionError) as error:
             raise bad_input(target, f"is not JSON ({error})", "a JSON object") from error
         if not isinstance(values, dict):
@@ -399,7 +400,3 @@ class RunFolder:
         if status.st_size > self._size or status.st_nlink > 1:
             whole = read_bytes(self._manifest, "a manifest")[: self._size] if status.st_size else b""
             write_bytes(self._manifest, whole)
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"it holds {name}")

@@ -13,6 +13,7 @@ import numpy as np
 from .._checks import require_path
 from .._files import PathLike, bad_input
 from ..types import FloatArray, Trajectory
+from ._record import checked_rows
 from .frames import StoredFrame, read_frame
 from .runfolder import RunFolder
 from .trajectory import read_trajectory
@@ -144,10 +145,10 @@ def load_run(path: PathLike) -> StoredRun:
     folder = RunFolder.open(path)
     if not (folder.path / "run.json").exists():
         raise bad_input(path, "has no run.json yet", "a finished run: the same command again goes on with it")
-    record = folder.read_run()
-    if not _is_record(record, folder.read_rows()):
-        raise bad_input(folder.path / "run.json", "is not what a run writes", "status, frames and per_frame")
-    folder.check_unchanged(folder.path / "run.json")
+    file, record = folder.path / "run.json", folder.read_run()
+    if not _is_record(record, checked_rows(file, record)):
+        raise bad_input(file, "is not what a run writes", "status, frames and per_frame")
+    folder.check_unchanged(file)
     return StoredRun(folder.path, record)
 
 

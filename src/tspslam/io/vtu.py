@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._atomic import write_bytes
 from .._files import PathLike, bad_input, read_bytes, unpacked_limit
+from .._text import is_whole
 from ..errors import InputError
 from ..types import FloatArray
 from ._vtk_data import LARGEST_ARRAY, NAMES, TYPES, Budget, Layout, decode_binary, decode_text, encode, packed
@@ -352,6 +353,6 @@ def _values(element: ET.Element, rows: int, layout: Layout) -> NDArray[Any]:
 
 def _count(element: ET.Element, key: str, default: str = "") -> int:
     text = element.get(key, default)
-    if not (text.isascii() and text.isdecimal() and len(text) < 20) or int(text) > LARGEST_ARRAY:
+    if not is_whole(text, 19) or int(text) > LARGEST_ARRAY:
         raise InputError(f"{element.tag} has {key} {text!r}, where a count should stand")
     return int(text)

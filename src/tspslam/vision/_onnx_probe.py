@@ -34,7 +34,7 @@ _EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # fields of a tensor
 
 
 def load_network(model: bytes) -> Any:
-    """OpenCV's network of an ONNX file's content; `cv2.error` if it reads it not."""
+    """OpenCV's network of an ONNX file's content; `cv2.error` if it cannot read it."""
     import cv2
 
     return cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8))

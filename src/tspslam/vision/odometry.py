@@ -26,7 +26,7 @@ from .orb import OrbDetector
 from .reconstruct import Detector, Matcher, Stereo, see
 from .rig import check_pair
 from .se3 import inverse, normalised, repeated
-from .tracking import CLEAR_SHARE, LEAST_MATCHES, Fix, believed, binary_words, locate, refined
+from .tracking import LEAST_MATCHES, Fix, believed, binary_words, is_clear, locate, refined
 from .windows import smooth_plane
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
@@ -294,9 +294,9 @@ class Odometry:
         """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
         references, xyz = self.map.references(), self.map.xyz
         fix = locate(self.rig, image, references, xyz, ahead)
-        if fix is None or fix.share < CLEAR_SHARE:
-            is_steady = len(self._stamps) > 1 and self._lost == 0
-            fix = believed(fix, self._recognise(pair, image), xyz, ahead if is_steady else None)
+        is_motion_known = len(self._stamps) > 1 and self._lost == 0
+        if fix is None or not is_clear(fix, xyz, ahead if is_motion_known else None):
+            fix = believed(fix, self._recognise(pair, image), xyz)
         if fix is None:
             return None
         disparity = self._disparities(pair, image, fix) - self.map.offset.value

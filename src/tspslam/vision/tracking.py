@@ -20,7 +20,7 @@ _GATES = (6.0, 3.5)  # standard deviations beyond which a match is dropped, roun
 _LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
 # Shares of the landmarks in view that agree with a pose, from KITTI and EuRoC. Right ones: 0.35 to 0.6 at camera rate,
 # 0.27 and more at 5 m a frame, 0.1 and more seconds apart. Wrong ones, found near where the camera was not: up to 0.1.
-CLEAR_SHARE = 0.25  # from which a pose needs no second opinion
+_CLEAR_SHARE = 0.25  # from which a pose needs no second opinion
 _LEAST_ALONE, LEAST_RECOGNISED = 0.12, 0.1  # that a pose needs; with descriptors that led there too
 _LEAST_STEADY = 0.05  # where the motion goes on as before, as behind an object that fills half of the view
 _MANY_MORE = 3  # times the landmarks of the other pose: right poses had 4 and more times those of wrong ones
@@ -130,9 +130,24 @@ def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_di
     return _settled(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or fix
 
 
-def believed(
-    followed: Fix | None, recognised: Fix | None, xyz: FloatArray, T_ahead: FloatArray | None = None
-) -> Fix | None:
+def is_clear(fix: Fix, xyz: FloatArray, T_ahead: FloatArray | None) -> bool:
+    """Whether a pose needs no second opinion: many landmarks agree, or some, and it is where a steady motion has it.
+
+    Parameters
+    ----------
+    fix : Fix
+        The pose.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    T_ahead : (4, 4) float64 or None
+        Pose that a steady motion leads to; None where the last motion is not known.
+    """
+    if fix.share >= _CLEAR_SHARE:
+        return True
+    return fix.share >= _LEAST_STEADY and T_ahead is not None and _away(fix, T_ahead, xyz) <= _SAME
+
+
+def believed(followed: Fix | None, recognised: Fix | None, xyz: FloatArray) -> Fix | None:
     """Which of two poses to believe: the one followed to from a guess, or the one that descriptors led to; or none.
 
     A camera that moved farther than windows are looked for finds a few landmarks near any guess, so a pose needs enough
@@ -144,12 +159,7 @@ def believed(
         The two.
     xyz : (M, 3) float64
         All landmarks, m.
-    T_ahead : (4, 4) float64, optional
-        Pose that a steady motion leads to, where the last motion is known.
     """
-    is_steady = followed is not None and T_ahead is not None and _away(followed, T_ahead, xyz) <= _SAME
-    if followed is not None and is_steady and followed.share >= _LEAST_STEADY:
-        return followed
     both = followed is not None and recognised is not None and _away(followed, recognised.T_world_camera, xyz) <= _SAME
     if followed is not None and followed.share < (LEAST_RECOGNISED if both else _LEAST_ALONE):
         followed = None
