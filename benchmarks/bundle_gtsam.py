@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from tests.vision import gtsam_oracle as oracle
+from tests.vision.slam import gtsam_oracle as oracle
 
 from .measure import median_seconds, paired
 

@@ -15,12 +15,12 @@ import tspslam
 from tspslam import StereoPair
 from tspslam.io import read_image
 from tspslam.topology.surface import DelaunaySurface
-from tspslam.vision.features import grey_levels
-from tspslam.vision.orb import OrbDetector
-from tspslam.vision.reconstruct import reconstruct_with_quality
-from tspslam.vision.scale_space import BriskDetector, SiftDetector
-from tspslam.vision.sgbm import SgbmMatcher
-from tspslam.vision.windows import Windows, search, smooth_plane
+from tspslam.vision.features.orb import OrbDetector
+from tspslam.vision.features.sift_brisk import BriskDetector, SiftDetector
+from tspslam.vision.images import grey_levels, smooth_plane
+from tspslam.vision.stereo.patches import Windows, search
+from tspslam.vision.stereo.reconstruct import reconstruct_with_quality
+from tspslam.vision.stereo.sgbm import SgbmMatcher
 
 from .measure import median_seconds
 

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tests.vision.test_cholesky import equations
-from tests.vision.test_pose import RIG, SIGMA, as_observations, sights
-from tspslam.vision._cholesky import solve_positive
-from tspslam.vision.bundle import adjust
-from tspslam.vision.pose import fit_pose
+from tests.vision.slam.test_cholesky import equations
+from tests.vision.slam.test_pose import RIG, SIGMA, as_observations, sights
+from tspslam.vision.slam._least_squares import solve_positive
+from tspslam.vision.slam.bundle import adjust
+from tspslam.vision.slam.pose import fit_pose
 
 from . import slam, spectral, topology
 from .measure import median_seconds, process_seconds

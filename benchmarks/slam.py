@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from tspslam import Rig, StereoPair, Trajectory, evaluate_trajectory
-from tspslam.config import resolve
 from tspslam.datasets import open_sequence, synthetic
 from tspslam.io import RunFolder
-from tspslam.journey import Journey
+from tspslam.run.config import resolve
+from tspslam.run.sequence import SequenceRun
 from tspslam.session import Session
 
 from .naive import Naive
@@ -81,17 +81,17 @@ def ours(source: Held) -> tuple[Trajectory, float, dict[str, object]]:
     """Path, seconds a frame (frames with complexes written to disk, without drawing), and what was noted."""
     with tempfile.TemporaryDirectory() as out:
         with RunFolder.create(f"{out}/warm", {}) as folder:
-            list(Journey(source, range(3), Session(source.rig), folder).proceed())
+            list(SequenceRun(source, range(3), Session(source.rig), folder).proceed())
         with RunFolder.create(f"{out}/run", {}) as folder:
-            journey = Journey(source, range(len(source)), Session(source.rig, resolve().settings), folder)
+            sequence = SequenceRun(source, range(len(source)), Session(source.rig, resolve().settings), folder)
             started = time.perf_counter()
-            list(journey.proceed())
-            journey.session.finish()
+            list(sequence.proceed())
+            sequence.session.finish()
             seconds = (time.perf_counter() - started) / len(source)
-    offset, std = journey.session.odometry.disparity_offset
-    lost = sum(row["is_lost"] for row in journey.tracked)
-    keyframes = sum(row["is_keyframe"] for row in journey.tracked)
-    return journey.trajectory, seconds, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
+    offset, std = sequence.session.odometry.disparity_offset
+    lost = sum(row["is_lost"] for row in sequence.tracked)
+    keyframes = sum(row["is_keyframe"] for row in sequence.tracked)
+    return sequence.trajectory, seconds, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
 
 
 def naive(source: Held) -> tuple[Trajectory, float]:

@@ -5,7 +5,7 @@ import numpy as np
 import tspslam
 from tspslam.topology.harmonic import Tmahf
 from tspslam.topology.texture import luminance
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.features.orb import OrbDetector
 
 # The walk: a pair, points, a surface, a complex, signals on its vertices, edges and faces, a response.
 pair = tspslam.datasets.motorcycle()

@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 import tspslam
-from tspslam.doors.tensors import to_pyg
+from tspslam.interop.tensors import to_pyg
 from tspslam.topology.texture import luminance
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.features.orb import OrbDetector
 
 try:
     import torch

@@ -9,7 +9,7 @@ from hypothesis import settings
 from PIL import Image
 
 from tspslam import Camera, RawRig, StereoPair, datasets
-from tspslam.vision.calibration import save_cameras
+from tspslam.vision.calibration.formats.own import save_cameras
 
 settings.register_profile("gate", deadline=None, derandomize=True)  # the same examples everywhere, however slow
 settings.load_profile("gate")

@@ -4,8 +4,8 @@ from PIL import Image
 
 from tspslam import Rig
 from tspslam.datasets import synthetic
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.features.orb import OrbDetector
 
 RIG = synthetic.PAPER_RIG
 SMALL_RIG = Rig(RIG.fx / 2, RIG.fy / 2, RIG.cx / 2, RIG.cy / 2, RIG.baseline, RIG.width // 2, RIG.height // 2)

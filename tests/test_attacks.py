@@ -25,8 +25,8 @@ from tspslam import (
 from tspslam.datasets import StereoFolder
 from tspslam.io import read_trajectory, write_tum
 from tspslam.session import Settings
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.features.orb import OrbDetector
 
 from .datasets import standard
 from .test_cli import complain, run_pair, type_in

@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from tspslam import cli, read_calibration, rectification
-from tspslam.config import KINDS, resolve
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.scale_space import SiftDetector
+from tspslam.run.config import KINDS, resolve
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.features.sift_brisk import SiftDetector
 
 
 def type_in(capsys, *words):
@@ -213,14 +213,14 @@ def test_a_folder_in_which_nothing_can_be_used_is_bad_input(capsys, sequence):
 INTERRUPTED = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests run in the background
-from tspslam import journey
+from tspslam import sequence
 from tspslam.__main__ import main
-process = journey.Journey._process
+process = sequence.SequenceRun._process
 def interrupted(self, index, pair):
     if index == 2:
         signal.raise_signal(signal.SIGINT)
     return process(self, index, pair)
-journey.Journey._process = interrupted
+sequence.SequenceRun._process = interrupted
 main()
 """
 
@@ -500,7 +500,7 @@ def test_an_internal_error_is_one_line_and_code_1_and_debug_shows_it(capsys, mon
     def fail(*_):
         raise ZeroDivisionError("of ours")
 
-    monkeypatch.setattr("tspslam.config.resolve", fail)
+    monkeypatch.setattr("tspslam.run.config.resolve", fail)
     code, line = complain(capsys, "config", "show")
     assert (code, line) == (1, "tspslam: internal error: ZeroDivisionError: of ours (--debug shows where)")
     with pytest.raises(ZeroDivisionError):

@@ -16,7 +16,7 @@ from tspslam.io import RunFolder, StoredFrame, read_vtu, write_frame, write_ply,
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Signals, Surface
 from tspslam.view import write_path_picture
-from tspslam.vision.calibration import load_rig, save_cameras
+from tspslam.vision.calibration.formats.own import load_rig, save_cameras
 
 RIG = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
 KITTI = "P0: 50 0 10 0 0 50 5 0 0 0 1 0\nP1: 50 0 10 -5 0 50 5 0 0 0 1 0\n"

@@ -14,11 +14,11 @@ import typer
 
 import tspslam
 from tspslam import cli
-from tspslam.config import resolve
 from tspslam.io import _frame_schema as schema
 from tspslam.io import read_vtu
-from tspslam.pipeline import OnePair
-from tspslam.pipeline import run as run_pipeline
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import OnePair
+from tspslam.run.pipeline import run as run_pipeline
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.rst"))

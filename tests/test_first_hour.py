@@ -7,8 +7,8 @@ from PIL import Image
 import tspslam
 from tspslam import InputError, Rig, StereoPair, build_cells, build_complex, sample_signals
 from tspslam.topology.texture import luminance
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.orb import OrbDetector
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.features.orb import OrbDetector
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
 SINGLE = Rig(fx=50, fy=50, cx=10, cy=5, width=20, height=10)
@@ -37,7 +37,7 @@ def refused(function, *arguments, **settings):
     (lambda: sample_signals("a.png", UV, SQUARE), "image is the path 'a.png'", "tspslam.io.read_image(path)"),
     (lambda: tspslam.sample_vectors("a.png", UV, SQUARE), "image is the path 'a.png'", "tspslam.io.read_image"),
     (lambda: tspslam.chf("a.png"), "image is the path 'a.png'", "tspslam.io.read_image"),
-    (lambda: tspslam.doors.from_arrays(XYZ, SQUARE.faces, "a.png", RIG), "image is the path", "tspslam.io.read_image"),
+    (lambda: tspslam.interop.from_arrays(XYZ, SQUARE.faces, "a.png", RIG), "image is the path", "tspslam.io.read_image"),
     (lambda: StereoPair("l.png", "r.png", RIG), "pair: left is the path 'l.png'", "tspslam.read_pair(left, right, cal"),
     (lambda: StereoPair(GREY, GREY, "c.yaml"), "pair: rig is the path 'c.yaml'", "tspslam.load_rig(path)"),
     (lambda: tspslam.reconstruct("a.png"), "pair is the path 'a.png'", "tspslam.read_pair(left, right, calib)"),
@@ -57,7 +57,7 @@ def test_the_path_of_a_file_is_not_what_it_holds_and_its_reader_is_named(call, s
 @pytest.mark.parametrize("call", [
     lambda image: sample_signals(image, UV, SQUARE), luminance, tspslam.chf,
     lambda image: tspslam.sample_vectors(image, UV, SQUARE),
-    lambda image: tspslam.doors.from_arrays(XYZ, SQUARE.faces, image, RIG),
+    lambda image: tspslam.interop.from_arrays(XYZ, SQUARE.faces, image, RIG),
     lambda image: tspslam.reconstruct(StereoPair(image, image, RIG)),
 ], ids=["signals", "luminance", "chf", "vectors", "from_arrays", "reconstruct"])  # fmt: skip
 @pytest.mark.parametrize("colour", [False, True])
@@ -184,7 +184,7 @@ def test_lists_and_tables_are_arrays():
     (lambda: tspslam.io.write_ply("x.ply", CLOUD, SQUARE.faces), "xyz is Cloud (give its .xyz)"),
     (lambda: tspslam.io.write_vtu("x.vtu", SURFACE, XYZ), "complex_ is Surface, expected a Complex"),
     (lambda: tspslam.view.write_pictures(CLOUD, "pictures"), "frame is Cloud without cloud"),
-    (lambda: tspslam.doors.to_toponetx(SURFACE), "complex_ is Surface, expected a Complex"),
+    (lambda: tspslam.interop.to_toponetx(SURFACE), "complex_ is Surface, expected a Complex"),
 ])  # fmt: skip
 def test_one_thing_for_another_is_said_with_the_way_on(call, said):
     assert said in refused(call)
@@ -218,8 +218,8 @@ def test_what_are_no_faces_is_said(faces, said):
 def test_a_single_camera_needs_no_baseline_where_there_is_no_stereo():
     assert SINGLE.baseline == 0
     assert Rig(50, 50, 10, 5, 0, 20, 10) == SINGLE
-    textured = tspslam.doors.from_arrays(XYZ, SQUARE.faces, GREY, SINGLE)
-    paired = tspslam.doors.from_arrays(XYZ, SQUARE.faces, GREY, RIG)
+    textured = tspslam.interop.from_arrays(XYZ, SQUARE.faces, GREY, SINGLE)
+    paired = tspslam.interop.from_arrays(XYZ, SQUARE.faces, GREY, RIG)
     assert np.array_equal(textured.signals.face, paired.signals.face)
     assert np.isnan(textured.cloud.disparity).all()
 
@@ -269,7 +269,7 @@ def test_a_mesh_around_the_camera_shows_what_is_before_it_and_marks_the_rest():
     quads = np.stack([here, right, right + 48, here + 48], axis=2).reshape(-1, 4)
     camera = Rig(fx=20, fy=20, cx=31.5, cy=23.5, width=64, height=48)
     image = np.random.default_rng(1).random((48, 64))
-    textured = tspslam.doors.from_arrays(ball, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]), image, camera)
+    textured = tspslam.interop.from_arrays(ball, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]), image, camera)
     seen, behind = textured.signals.vertex_ok, ball[:, 2] <= 0
     assert seen.sum() > 100
     assert behind.sum() > 400

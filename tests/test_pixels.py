@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tspslam.config import resolve
 from tspslam.io import write_ply, write_png
-from tspslam.pipeline import run
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import run
 
+from .run.test_pipeline import Pairs
 from .sequences import SETTINGS, corridor, write_sequence
 from .test_cli import complain, content, run_pair, small_depth, type_in
-from .test_pipeline import Pairs
 
 
 def written_with(folder, small_pair, bits):

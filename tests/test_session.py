@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
-from tspslam.config import resolve
-from tspslam.pipeline import run
-from tspslam.records import offset_doubts
-from tspslam.vision.descriptors import DescriptorMatcher
-from tspslam.vision.matching import RowMatcher, search_near
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import run
+from tspslam.run.record import offset_doubts
+from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
+from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
 
 from .sequences import DETECTOR, RIG, SETTINGS, corridor
 

@@ -7,15 +7,15 @@ import pytest
 from PIL import Image
 
 from tests.datasets import standard
-from tests.doors.test_doors import IMAGE, RIG, tiny, write_model
+from tests.interop.test_interop import IMAGE, RIG, tiny, write_model
 from tspslam import InputError
 from tspslam._text import numbers, read_lines, read_text, split
-from tspslam.config import resolve
 from tspslam.datasets import KittiSequence
-from tspslam.doors import from_colmap
+from tspslam.interop import from_colmap
 from tspslam.io import read_mesh, read_ply, read_trajectory, write_tum
-from tspslam.vision.calibration import load_cameras, save_cameras
-from tspslam.vision.formats import read_calibration
+from tspslam.run.config import resolve
+from tspslam.vision.calibration.formats import read_calibration
+from tspslam.vision.calibration.formats.own import load_cameras, save_cameras
 
 WRITTEN = {  # how one text may lie in a file
     "utf-8": lambda text: text.encode(),

@@ -11,7 +11,7 @@ import pytest
 import tspslam
 from tspslam.topology import solvers
 from tspslam.topology.spectral import _half_bound, heat_series
-from tspslam.vision import odometry
+from tspslam.vision.slam import odometry
 
 from .sequences import DETECTOR, RIG, corridor
 

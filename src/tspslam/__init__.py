@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import datasets as datasets
-    from . import doors as doors
+    from . import interop as interop
     from . import io as io
     from . import view as view
     from .datasets.folder import read_pair as read_pair
@@ -73,13 +73,13 @@ if TYPE_CHECKING:
     from .types import StereoPair as StereoPair
     from .types import Surface as Surface
     from .types import Trajectory as Trajectory
-    from .vision.dense import cloud_from_depth as cloud_from_depth
-    from .vision.dense import cloud_from_disparity as cloud_from_disparity
+    from .vision.calibration.formats import read_calibration as read_calibration
+    from .vision.calibration.formats.own import load_rig as load_rig
+    from .vision.calibration.rectify import rectification as rectification
     from .vision.evaluate import evaluate_trajectory as evaluate_trajectory
-    from .vision.formats import read_calibration as read_calibration
-    from .vision.reconstruct import reconstruct as reconstruct
-    from .vision.rectify import rectification as rectification
-    from .vision.rig import load_rig as load_rig
+    from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
+    from .vision.stereo.dense import cloud_from_disparity as cloud_from_disparity
+    from .vision.stereo.reconstruct import reconstruct as reconstruct
     from .vision.visibility import visible_uv as visible_uv
 
 __version__ = "0.1.0"
@@ -101,9 +101,9 @@ _HOMES = {
     ),
     "datasets.folder": ("read_pair",),
     "io.runs": ("StoredRun", "load_run"),
-    "vision.reconstruct": ("reconstruct",),
-    "vision.rig": ("load_rig",),
-    "vision.rectify": ("rectification",),
+    "vision.stereo.reconstruct": ("reconstruct",),
+    "vision.calibration.formats.own": ("load_rig",),
+    "vision.calibration.rectify": ("rectification",),
     "topology.surface": ("delaunay_surface",),
     "topology.complex": ("Complex", "build_complex"),
     "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
@@ -121,13 +121,13 @@ _HOMES = {
     "topology.chf": ("chf", "chf_bank"),
     "topology.cells": ("CellComplex", "build_cells", "grow_labels", "merge_cells", "merge_signals"),
     "vision.evaluate": ("evaluate_trajectory",),
-    "vision.formats": ("read_calibration",),
-    "vision.dense": ("cloud_from_depth", "cloud_from_disparity"),
+    "vision.calibration.formats": ("read_calibration",),
+    "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
     "session": ("Session", "Settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "doors", "io", "view")
+_ROOMS = ("datasets", "interop", "io", "view")
 
 __all__ = sorted((*_HOME, *_ROOMS))
 

@@ -24,7 +24,7 @@ from .printing import progress as _progress
 from .printing import say as _say
 
 if TYPE_CHECKING:
-    from .pipeline import RunResult, Source
+    from .run.pipeline import RunResult, Source
 
 COMPLETE, INTERNAL, USAGE, BAD_INPUT, DEGRADED, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
@@ -78,8 +78,8 @@ def run_command(
     as_json: JsonOption = False,
 ) -> None:
     """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
-    from . import config as configuration
-    from . import pipeline
+    from .run import config as configuration
+    from .run import pipeline
 
     known = configuration.KINDS["detector"]
     if detector not in (None, *known):
@@ -117,7 +117,7 @@ def filter_command(
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
-    from .filtering import filter_mesh
+    from .run.mesh import filter_mesh
     from .topology.harmonic import Tmahf
 
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
@@ -139,9 +139,9 @@ def export_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write one frame of a finished run in another format, without running again."""
-    from .guarding import MAPS, check_output, is_inside
     from .io import RunFolder, read_frame, write_frame
     from .io.maps import write_map_ply, write_map_vtu
+    from .run.guard import MAPS, check_output, is_inside
 
     writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
     if to not in writers:
@@ -167,10 +167,10 @@ def eval_command(
     as_json: JsonOption = False,
 ) -> None:
     """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
-    from .evaluating import evaluated, summary
+    from .run.evaluate import evaluated, summary
 
     if plot:
-        from .guarding import PICTURES, check_output
+        from .run.guard import PICTURES, check_output
 
         _check_suffix(plot, list(PICTURES), "--plot")
         check_output(plot, PICTURES[plot.suffix.lower()[1:]], [run, truth], is_forced=force)
@@ -198,7 +198,7 @@ def config_show_command(
     as_json: JsonOption = False,
 ) -> None:
     """Show every setting, its value, and where it came from."""
-    from . import config as configuration
+    from .run import config as configuration
 
     resolved = configuration.resolve(preset, config, assignments or [])
     rows = {name: {"value": value, "origin": resolved.origin[name]} for name, value in resolved.values.items()}
@@ -217,7 +217,7 @@ def calib_show_command(
     as_json: JsonOption = False,
 ) -> None:
     """Show what was understood of a calibration file: every value, and the key of the file that it came from."""
-    from .calibrating import described
+    from .vision.calibration.show import described
 
     found = described(file, _size(size))
     if as_json:
@@ -244,8 +244,8 @@ def calib_convert_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write a calibration file of another program in our format."""
-    from .calibrating import converted
-    from .guarding import CALIBRATION, check_output
+    from .run.guard import CALIBRATION, check_output
+    from .vision.calibration.show import converted
 
     check_output(output, CALIBRATION, [file], is_forced=force)
     remarks = converted(file, output, _size(size), rectify)
@@ -263,7 +263,7 @@ def _check_suffix(path: Path, allowed: list[str], option: str) -> None:
 
 
 def _check_folder(out: Path, *inputs: Path | None) -> None:
-    from .guarding import check_folder
+    from .run.guard import check_folder
 
     check_folder(out, [path for path in inputs if path])
 
@@ -370,7 +370,7 @@ def _complain(line: str, code: int) -> int:
 
 def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
     from . import datasets
-    from .pipeline import OnePair
+    from .run.pipeline import OnePair
 
     if len(paths) == 2:
         if calib is None:
@@ -391,7 +391,7 @@ def _open_map(
     paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, said: dict[str, Any]
 ) -> Source:
     from . import datasets
-    from .pipeline import OnePair
+    from .run.pipeline import OnePair
 
     kinds: tuple[tuple[Literal["depth", "disparity"], Path | None], ...] = (("depth", depth), ("disparity", disparity))
     maps = [(kind, path) for kind, path in kinds if path]

@@ -17,11 +17,11 @@ from .topology.harmonic import Tmahf
 from .topology.surface import DelaunaySurface
 from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface, Trajectory
-from .vision.matching import RowMatcher
-from .vision.odometry import Odometry, Tracked, Tracking
-from .vision.orb import OrbDetector
-from .vision.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+from .vision.features.orb import OrbDetector
 from .vision.rig import require_baseline
+from .vision.slam.odometry import Odometry, Tracked, Tracking
+from .vision.stereo.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+from .vision.stereo.row_matcher import RowMatcher
 
 T = TypeVar("T")
 _STAGES = {"detector": "OrbDetector()", "matcher": "RowMatcher()", "surface": "DelaunaySurface()", "filter": "Tmahf()"}

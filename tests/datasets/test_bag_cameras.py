@@ -10,8 +10,8 @@ pytest.importorskip("rosbags")
 from tspslam import cli
 from tspslam.datasets import RosbagSequence, open_sequence
 from tspslam.types import Camera, RawRig
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.calibration.rectify import rectification
 
 from .test_rosbag import KINDS, LEFT, RAW, RIG, RIGHT, drive, info, one_line_error, pairs, raw_image, write  # noqa: F401
 

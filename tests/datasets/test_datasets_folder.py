@@ -9,8 +9,8 @@ from tspslam.datasets import StereoFolder, pair_from_files
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.types import RawRig, Rig, StereoPair
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.calibration.rectify import rectification
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
 

@@ -11,7 +11,7 @@ from PIL import Image
 from tspslam.datasets import pair_from_map, read_map
 from tspslam.errors import InputError
 from tspslam.types import Rig
-from tspslam.vision.calibration import save_cameras
+from tspslam.vision.calibration.formats.own import save_cameras
 
 RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
 

@@ -12,8 +12,8 @@ from tspslam.datasets import EurocSequence
 from tspslam.datasets._pairing import pair_by_stamp
 from tspslam.errors import InputError
 from tspslam.types import RawRig
-from tspslam.vision.formats import read_calibration
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.formats import read_calibration
+from tspslam.vision.calibration.rectify import rectification
 
 from . import standard
 

@@ -12,7 +12,7 @@ from tspslam.datasets import EurocSequence, KittiSequence, StereoFolder, UtiasRu
 from tspslam.datasets._pairing import pair_by_stamp
 from tspslam.errors import InputError
 from tspslam.types import Rig
-from tspslam.vision.calibration import save_cameras
+from tspslam.vision.calibration.formats.own import save_cameras
 
 from . import standard
 from .test_kitti import RAW, dates

@@ -13,7 +13,7 @@ from tspslam.datasets import EurocSequence, KittiSequence, StereoFolder, open_se
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.types import Rig
-from tspslam.vision.calibration import save_cameras
+from tspslam.vision.calibration.formats.own import save_cameras
 
 from . import standard
 

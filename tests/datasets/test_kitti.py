@@ -10,8 +10,8 @@ from PIL import Image
 from tspslam.datasets.kitti import KittiSequence
 from tspslam.errors import InputError
 from tspslam.types import Rig
-from tspslam.vision.formats import read_calibration
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.formats import read_calibration
+from tspslam.vision.calibration.rectify import rectification
 
 DATA = Path(os.environ.get("TSPSLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ODOMETRY = "P0: 60 0 32 0 0 60 24 0 0 0 1 0\nP1: 60 0 32 -30 0 60 24 0 0 0 1 0\n"

@@ -262,7 +262,7 @@ def test_a_room_of_euroc_is_read(tmp_path):
 
 def datasets_offset(pair):
     """Median of v_right - v_left, px."""
-    from tspslam.vision.reconstruct import reconstruct_with_quality
+    from tspslam.vision.stereo.reconstruct import reconstruct_with_quality
 
     return reconstruct_with_quality(pair)[1].vertical_offset_px
 

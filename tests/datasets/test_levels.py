@@ -9,8 +9,8 @@ from tspslam.datasets._levels import Levels, used_bits
 from tspslam.datasets.maps import read_levelled
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
-from tspslam.vision.calibration import save_cameras
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.vision.calibration.rectify import rectification
 from tspslam.vision.rig import Rig
 
 from . import standard

@@ -28,7 +28,7 @@ from tspslam import datasets
 from tspslam.datasets import RosbagSequence, _ros, open_sequence, synthetic
 from tspslam.errors import InputError
 from tspslam.types import Rig
-from tspslam.vision.rectify import rectification
+from tspslam.vision.calibration.rectify import rectification
 
 RIG = Rig(fx=60.0, fy=61.0, cx=31.0, cy=23.5, baseline=0.125, width=64, height=48, doffs=1.5)
 START, STEP, COUNT = 1_700_000_000_123_456_789, 50_000_000, 3

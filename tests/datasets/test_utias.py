@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tspslam.datasets import UtiasRun
 from tspslam.errors import InputError
 from tspslam.types import Camera, RawRig
-from tspslam.vision.calibration import save_cameras
+from tspslam.vision.calibration.formats.own import save_cameras
 
 from . import standard
 

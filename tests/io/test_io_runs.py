@@ -8,9 +8,9 @@ import pytest
 import tspslam
 from tests.sequences import SETTINGS, corridor
 from tspslam import InputError, load_run
-from tspslam.config import resolve
 from tspslam.io import read_trajectory, write_bytes
-from tspslam.pipeline import run as run_pipeline
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import run as run_pipeline
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_record_of_something_else_is_refused(tmp_path, folder, record):
 def test_a_filtered_mesh_is_a_run_of_one_frame_without_a_path(tmp_path, small_pair):
     from PIL import Image
 
-    from tspslam.filtering import filter_mesh
+    from tspslam.run.mesh import filter_mesh
     from tspslam.topology.harmonic import Tmahf
 
     left, _, rig = small_pair

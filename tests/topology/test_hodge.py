@@ -4,7 +4,15 @@ import sys
 import numpy as np
 import pytest
 
-from tspslam import InputError, betti_numbers, build_complex, harmonic_basis, hodge_decompose, sample_signals, spectrum
+from tspslam import (
+    InputError,
+    betti_numbers,
+    build_complex,
+    harmonic_basis,
+    hodge_decompose,
+    sample_signals,
+    spectrum,
+)
 from tspslam.topology import hodge, solvers
 from tspslam.topology.hodge import curl, divergence, gradient
 from tspslam.topology.homology import closed_cochains

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
-from tspslam.config import resolve
 from tspslam.datasets import KittiSequence, synthetic
 from tspslam.datasets.synthetic import shapes
 from tspslam.io import read_frame, read_trajectory
 from tspslam.io.vtu import read_vtu
-from tspslam.pipeline import run
-from tspslam.vision import bundle
-from tspslam.vision.odometry import Odometry, Tracking
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import run
+from tspslam.vision.slam import bundle
+from tspslam.vision.slam.odometry import Odometry, Tracking
 
 from ..datasets.standard import kitti_seq1
 from ..sequences import DETECTOR, RIG, SETTINGS, Kept, corridor

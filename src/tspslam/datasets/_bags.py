@@ -13,7 +13,7 @@ from typing import Any
 
 from .._files import bad_input, open_input, reason_of
 from ..errors import InputError
-from ..vision.formats._opencv_yaml import read_mapping
+from ..vision.calibration.formats._opencv_yaml import read_mapping
 from ._containers import LARGEST_CHUNK, check_mcap, check_ros1, check_sqlite, unpacked, unpacked_bytes
 
 BAG = "a whole bag of ROS 1 (.bag) or ROS 2 (a folder with metadata.yaml, .mcap, .db3)"

@@ -17,9 +17,17 @@ from .._files import bad_input, one_line, reason_of
 from ..errors import InputError
 from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _quiet, load_pixels
 from ..types import Camera, Image, RawRig, Rig
-from ..vision.formats._pose import motion, rotation
-from ..vision.formats._source import Source
-from ..vision.formats._values import DISTORTION, OPENCV_COUNTS, Found, distortion, from_camera_matrix, from_projections
+from ..vision.calibration.formats._source import Source
+from ..vision.calibration.formats._values import (
+    DISTORTION,
+    OPENCV_COUNTS,
+    Found,
+    distortion,
+    from_camera_matrix,
+    from_projections,
+    motion,
+    rotation,
+)
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

@@ -11,10 +11,10 @@ import numpy as np
 
 from .._files import PathLike, bad_input, one_line
 from ..types import FloatArray, Rig, StereoPair
-from ..vision.formats import read_calibration
-from ..vision.formats._opencv_yaml import read_mapping
-from ..vision.formats._pose import inverse, pose
-from ..vision.formats._source import Source
+from ..vision.calibration.formats import read_calibration
+from ..vision.calibration.formats._opencv_yaml import read_mapping
+from ..vision.calibration.formats._source import Source
+from ..vision.calibration.formats._values import inverse, pose
 from ._pairing import (
     Frames,
     check_stamps,

@@ -15,8 +15,8 @@ from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
-from ..vision.formats import read_stereo
-from ..vision.rectify import Rectification, rectification
+from ..vision.calibration.formats import read_stereo
+from ..vision.calibration.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._kinds import no_image, only_images
 from ._levels import Levels

@@ -15,8 +15,8 @@ from .._files import PathLike, bad_input
 from .._text import read_text
 from ..errors import InputError
 from ..types import FloatArray, RawRig, Rig, StereoPair
-from ..vision.formats._source import Source
-from ..vision.formats.kitti import parse_kitti, read_kitti
+from ..vision.calibration.formats._source import Source
+from ..vision.calibration.formats.kitti import parse_kitti, read_kitti
 from ._pairing import (
     LAST_STAMP,
     NANOSECONDS,

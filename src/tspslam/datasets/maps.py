@@ -12,9 +12,9 @@ from ..errors import InputError
 from ..io.images import LARGEST_AREA, read_image, read_numbers
 from ..io.npy import read_npy
 from ..types import Image, StereoPair
-from ..vision.dense import checked_map, checked_unit, disparity_of_depth, known_values, unknown_values
-from ..vision.formats import read_rectified
+from ..vision.calibration.formats import read_rectified
 from ..vision.rig import check_pair, require_baseline
+from ..vision.stereo.dense import checked_map, checked_unit, disparity_of_depth, known_values, unknown_values
 from ._levels import Levels
 
 _EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a .npy of numbers"

@@ -11,8 +11,8 @@ from pathlib import Path
 from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
-from ..vision.formats import read_calibration
-from ..vision.rectify import Rectification, rectification
+from ..vision.calibration.formats import read_calibration
+from ..vision.calibration.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._bags import BAG, Bag, guarded
 from ._levels import Levels

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._files import PathLike, bad_input
 from ..types import FloatArray, RawRig, Rig, StereoPair
-from ..vision.formats import read_calibration
+from ..vision.calibration.formats import read_calibration
 from ._pairing import (
     Frames,
     Row,

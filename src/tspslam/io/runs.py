@@ -33,7 +33,8 @@ class StoredRun:
     Examples
     --------
     >>> import tempfile
-    >>> from tspslam import config, datasets, load_run, pipeline
+    >>> from tspslam.run import config, pipeline
+    >>> from tspslam import datasets, load_run
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = pipeline.run(pipeline.OnePair(datasets.motorcycle()), f"{folder}/run", config.resolve())
     ...     run = load_run(f"{folder}/run")

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from .._checks import check_luminance, check_pixels, require
 from ..errors import InputError
 from ..types import FloatArray, Rig, StereoPair, real_array
-from .calibration import load_rig as load_rig
-from .calibration import save_cameras as save_cameras
 
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767

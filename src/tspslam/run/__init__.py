@@ -1,0 +1,1 @@
+"""A source of pairs to a run folder."""

@@ -1,0 +1,135 @@
+"""A run's path beside the true one: what `tspslam eval` says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets import open_sequence
+from ..errors import InputError
+from ..io import RunFolder, read_trajectory
+from ..io.trajectory import has_stamps
+from ..types import FloatArray, Trajectory
+from ..vision.evaluate import TrajectoryErrors, evaluate_trajectory
+
+_TEN = 10.0  # m
+_NUMBER = re.compile(r"[0-9]{1,15}")
+_HALF = 0.25  # of the numbers of frames, which stand for stamps
+
+
+def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
+    """Compare the path of a run with a true one.
+
+    Parameters
+    ----------
+    run : path
+        A run folder, or a trajectory file in TUM's or KITTI's form.
+    truth : path
+        Such a file, or a sequence folder that has true poses. A file in KITTI's form has no stamps: its line k, from
+        0, is for frame k of the run, or, where images without a partner were left out of the run, for image number k.
+        Beside a file without stamps, one with stamps must have as many lines.
+    max_stamp_difference : float
+        Farthest that two matched stamps are apart, s.
+
+    Returns
+    -------
+    TrajectoryErrors
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be read, which pose is for which frame cannot be told, or too few match (fewer than 3, or
+        5 % of the path).
+    """
+    if run.is_dir():
+        estimate, rows = _of_run(run)
+        if truth.is_dir() or has_stamps(truth):
+            return evaluate_trajectory(estimate, _truth(truth), max_stamp_difference=max_stamp_difference)
+        reference = _truth(truth)
+        return _by_number(Trajectory(_frames(rows, len(reference)), estimate.T_world_camera), reference)
+    estimate, reference = read_trajectory(run), _truth(truth)
+    stamped = has_stamps(run), truth.is_dir() or has_stamps(truth)
+    if all(stamped):
+        return evaluate_trajectory(estimate, reference, max_stamp_difference=max_stamp_difference)
+    if any(stamped) and len(estimate) != len(reference):
+        said = "has stamps" if stamped[0] else "has no stamps"
+        raise InputError(
+            f"{run}: {said} and {len(estimate)} poses, {truth} has {len(reference)} and the other form: which is for "
+            "which frame cannot be told; expected both with stamps, a run folder, or as many poses"
+        )
+    return _by_number(_numbered(estimate), _numbered(reference))
+
+
+def _numbered(path: Trajectory) -> Trajectory:
+    return Trajectory(np.arange(len(path), dtype=np.float64), path.T_world_camera)
+
+
+def _by_number(estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
+    return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
+
+
+def summary(errors: TrajectoryErrors) -> dict[str, Any]:
+    """Describe the errors in plain numbers, fit for JSON."""
+    ten = errors.per_distance[_TEN]
+    return {
+        "ate_rmse_m": errors.ate_rmse_m,
+        "ate_sim3_rmse_m": errors.ate_sim3_rmse_m,
+        "scale": errors.scale,
+        "rpe_translation_m_frame": errors.rpe_translation_m,
+        "rpe_rotation_deg_frame": errors.rpe_rotation_deg,
+        "rpe_translation_percent_10m": ten.translation_percent if ten.pairs else None,
+        "rpe_rotation_deg_10m": ten.rotation_deg if ten.pairs else None,
+        "rpe_pairs": errors.rpe_pairs,
+        "rpe_frames": errors.rpe_frames,
+        "matched": errors.matched,
+        "total": errors.total,
+        "truth_total": errors.truth_total,
+        "unknown": errors.unknown,
+        "truth_unknown": errors.truth_unknown,
+        "covered": errors.covered,
+        "truth_covered": errors.truth_covered,
+        "warnings": list(errors.warnings),
+    }
+
+
+def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:
+    """Path of a run, and what ``run.json`` says of the frame of each pose."""
+    folder = RunFolder.open(run)
+    folder.check_unchanged(run / "trajectory.tum")
+    path, found = read_trajectory(run / "trajectory.tum"), folder.read_rows()
+    rows = {float(row["stamp"]): row for row in reversed(found)}  # of frames of one moment, the first
+    lost = [stamp for stamp in path.stamp.tolist() if stamp not in rows]
+    if lost:
+        raise InputError(f"{run / 'trajectory.tum'}: stamp {lost[0]!r} is not in run.json, expected those of one run")
+    return path, [rows[stamp] for stamp in path.stamp.tolist()]
+
+
+def _frames(rows: list[dict[str, Any]], lines: int) -> FloatArray:
+    """Which line of a file of true poses without stamps is for which frame.
+
+    The frame's place in the run; but where images are named by number and numbers between are missing, since an image
+    had no partner, the number, if the file goes so far.
+    """
+    index = np.array([row["index"] for row in rows], np.float64)
+    names = [str(row.get("name", "")) for row in rows]
+    if not all(_NUMBER.fullmatch(name) for name in names):
+        return index
+    numbers = np.array(names, np.float64)
+    has_gaps = (np.diff(numbers) > np.diff(index)).any() and (np.diff(numbers) > 0).all()
+    return numbers if has_gaps and numbers.max() < lines else index
+
+
+def _truth(place: Path) -> Trajectory:
+    return _of_sequence(place) if place.is_dir() else read_trajectory(place)
+
+
+def _of_sequence(folder: Path) -> Trajectory:
+    sequence = open_sequence(folder)
+    truth = getattr(sequence, "truth", None)
+    if truth is None:
+        wanted = "a sequence with them (KITTI, EuRoC, UTIAS), or a file of them, such as poses.txt"
+        raise InputError(f"{folder}: has no true poses, expected {wanted}")
+    return Trajectory(getattr(sequence, "stamps", np.arange(len(truth), dtype=np.float64)), truth)

@@ -1,0 +1,139 @@
+"""The user's own mesh and posed image to a run folder: the topology wing alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._files import one_line
+from ..datasets.maps import read_levelled
+from ..errors import InputError
+from ..interop.meshes import Textured, doubts_of_mesh, from_arrays
+from ..io import RunFolder, StoredFrame, merge_corners, read_mesh, write_frame
+from ..io.mesh import repeated_corners
+from ..topology.complex import Complex
+from ..topology.harmonic import Tmahf
+from ..types import FloatArray
+from ..vision.calibration.formats import read_rectified
+from ..vision.rig import doubts
+from .pipeline import RunResult, finish
+from .record import array_hash, hash_of, machine, no_response, pixel_warnings, versions
+
+
+def filter_mesh(
+    mesh: Path,
+    image: Path,
+    calibration: Path,
+    out: Path,
+    stage: Tmahf,
+    *,
+    merge: bool = False,
+    bits: int | None = None,
+) -> RunResult:
+    """The topology wing alone: signals of a posed image on the user's own mesh, and their response.
+
+    Parameters
+    ----------
+    mesh : path
+        PLY, OBJ, VTU or a stored frame; vertices in the camera's frame, m.
+    image : path
+        What the left camera saw.
+    calibration : path
+        Our calibration file.
+    out : path
+        The run folder to fill.
+    stage : Tmahf
+        The filter.
+    merge : bool
+        Make one vertex of those with equal coordinates first, as `tspslam.io.merge_corners`. A mesh whose faces share
+        no edge is filtered as it is, and the run is degraded.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16; found by default.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, a mesh has no faces, or the camera sees no vertex.
+    OutputError
+        If something cannot be written.
+    """
+    pixels, used = read_levelled(image, bits)
+    rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
+    xyz, faces = read_mesh(mesh)
+    if merge:
+        xyz, faces = _merged(mesh, xyz, faces)
+    try:
+        textured = from_arrays(xyz, faces, pixels, rig)
+        response = stage(textured.complex_, textured.cloud.uv, textured.signals)
+    except InputError as error:
+        raise InputError(f"{mesh}: {error}") from error
+    frame = StoredFrame(0, 0.0, one_line(mesh.stem), rig, **vars(textured), response=response)
+    given = [array_hash(values) for values in (pixels, xyz, faces)]
+    settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
+    with RunFolder.create(out, settings) as folder:
+        path = folder.frame_path(0)
+        write_frame(path, frame)
+        record = _filter_record(frame, used)
+        finish(folder, [path], pixels, frame, record, folder.config_hash)
+        folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
+        folder.write_timings({"machine": machine()})
+    return RunResult(out, record)
+
+
+def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, NDArray[np.int32]]:
+    xyz, faces = merge_corners(xyz, faces)
+    if not len(faces):
+        raise InputError(f"{mesh}: has no face whose corners are at three places, expected a mesh")
+    return xyz, faces
+
+
+def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
+    edges, faces = frame.complex_.edges, frame.complex_.faces
+    sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
+    return {
+        "status": "degraded" if _is_soup(frame.complex_) or not frame.response.defined.any() else "complete",
+        "source": frame.name,
+        "frames": 1,
+        "complex": sizes | {"euler": frame.complex_.euler},
+        "defined": int(frame.response.defined.sum()),
+        **({"bits": bits} if bits else {}),
+        "warnings": [
+            *({"code": code, "message": message} for code, message in _warnings(frame)),
+            *no_response(int(frame.response.defined.sum())),
+            *pixel_warnings(bits),
+        ],
+        "versions": versions(),
+    }
+
+
+def _is_soup(complex_: Complex) -> bool:
+    """Whether no two of several faces share an edge, so that nothing goes from one to the other."""
+    return len(complex_.faces) > 1 and len(complex_.edges) == 3 * len(complex_.faces)
+
+
+def _warnings(frame: StoredFrame) -> Iterator[tuple[str, str]]:
+    hidden = int((~frame.signals.vertex_ok).sum())
+    if hidden:
+        where = "hidden, outside the image or behind the camera"
+        yield "unseen_vertices", f"{hidden} of {len(frame.cloud)} vertices are {where} and have no signal"
+    corners = frame.cloud.xyz[np.unique(frame.complex_.faces)]
+    repeated = repeated_corners(corners)
+    way_on = "merge corners with --merge-corners" if repeated else "they touch nowhere"
+    if _is_soup(frame.complex_):
+        yield "no_shared_edge", f"no edge is shared by two of the {len(frame.complex_.faces)} faces: {way_on}"
+    elif repeated:
+        said = f"{repeated} of {len(corners)} corners of faces are where another is: edges there are not shared"
+        yield "repeated_corners", f"{said}; {way_on}"
+    textured = Textured(frame.cloud, frame.surface, frame.complex_, frame.signals)
+    for line in doubts_of_mesh(textured, frame.rig):
+        yield "mesh", line
+    for line in doubts(frame.rig):
+        yield "calibration", line

@@ -1,0 +1,256 @@
+"""Frame by frame through a source, each noted when it is finished; gone on with where an earlier run stopped."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from .. import __version__
+from .._files import one_line, read_bytes
+from .._stopwatch import Stopwatch
+from ..errors import InputError
+from ..io import RunFolder, StoredFrame, read_frame, write_bytes, write_frame
+from ..session import Frame, Session
+from ..types import Image, Rig, StereoPair, Trajectory
+from ..vision.rig import check_pair
+from ._checkpoint import pack, unpack
+from .map import merged
+from .record import Row, frame_row, hash_of, pair_hash
+
+STATE_NAME = "state.npz"
+_MADE_BY = f"tspslam {__version__}, state 3".encode()  # others' checkpoints do not count
+_LOG = logging.getLogger(__name__)
+_BACKLOG = 2  # frames that may wait to be written
+_EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
+
+
+class Source(Protocol):
+    """Pairs of one rig, by index."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras of all pairs."""
+
+    def __len__(self) -> int:
+        """How many pairs there are."""
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read one pair."""
+
+
+class SequenceRun:
+    """The frames of a run.
+
+    Parameters
+    ----------
+    source : Source
+        The pairs.
+    wanted : range
+        Which of them.
+    session : Session
+        What processes them.
+    folder : RunFolder
+        Where finished keyframes and checkpoints go, and where an earlier run may have left some.
+
+    Attributes
+    ----------
+    rows : list of dict
+        One for each pair tried: its numbers, or why it was skipped.
+    """
+
+    def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
+        self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
+        self.rows: list[Row] = []
+        self._errors: dict[int, InputError] = {}
+        self._writing: list[Future[None]] = []
+        self._resume()
+        self._saved = len(self.rows)
+
+    @property
+    def tracked(self) -> list[Row]:
+        """Rows of the pairs that could be used, each with a pose."""
+        return [row for row in self.rows if "skipped" not in row]
+
+    @property
+    def stored(self) -> list[Row]:
+        """Rows of the frames that have a file: keyframes, lost ones, or all."""
+        return [row for row in self.rows if "points" in row]
+
+    @property
+    def last_error(self) -> InputError | None:
+        """Why the last pair that could not be used could not."""
+        return self._errors[max(self._errors)] if self._errors else None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Path of the frames; of several of one moment, the first."""
+        path = self.session.trajectory
+        first = np.diff(path.stamp, prepend=-np.inf) > 0
+        return Trajectory(path.stamp[first], path.T_world_camera[first])
+
+    def proceed(self) -> Iterator[tuple[int, int]]:
+        """Process one pair after another, the next one read meanwhile: (pairs done, index)."""
+        with ThreadPoolExecutor(1) as self._writer:
+            for index, pair in self._read(self.wanted[len(self.rows) :]):
+                self.rows.append(self._process(index, pair))
+                done = len(self.rows)
+                if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
+                    self._save()
+                yield done, index
+
+    def _read(self, wanted: range) -> Iterator[tuple[int, StereoPair | InputError]]:
+        """Pairs, or why they cannot be read."""
+        if not wanted:
+            return
+        with ThreadPoolExecutor(1) as reader:
+            coming = reader.submit(self._one, wanted[0])
+            for index, following in itertools.zip_longest(wanted, wanted[1:]):
+                pair = coming.result()
+                if following is not None:
+                    coming = reader.submit(self._one, following)
+                yield index, pair
+
+    def _one(self, index: int) -> StereoPair | InputError:
+        try:
+            pair = self.source[index]
+            check_pair(pair)
+        except InputError as error:
+            return error
+        return pair
+
+    def _process(self, index: int, pair: StereoPair | InputError) -> Row:
+        """Row of one pair; its frame goes to the folder if it carries a complex."""
+        key = _input_hash(pair, self.session)
+        try:
+            if isinstance(pair, InputError):
+                raise pair
+            frame = self.session.process(pair)
+        except InputError as error:
+            self._errors[index] = error
+            return {"index": index, "input_hash": key, "skipped": str(error)}
+        row = frame_row(frame, key) | {"seconds": frame.seconds}
+        if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.tracked.is_lost:
+            self._wait_for_writing(_BACKLOG)
+            self._writing.append(self._writer.submit(self._store, frame, row, key))
+        return row
+
+    def _store(self, frame: Frame, row: Row, key: str) -> None:
+        """Write a frame and its numbers; one without a complex has a pose, but no file."""
+        try:
+            numbers = frame_row(frame, key, with_complex=True)
+        except InputError as error:
+            self._errors[frame.index] = error
+            row["no_complex"] = str(error)
+            return
+        path, watch = self.folder.frame_path(frame.index), Stopwatch()
+        write_frame(path, frame)
+        self.folder.record(path, input_hash=key)
+        beside = path.with_suffix(".json")
+        write_bytes(beside, _text(numbers))
+        self.folder.record(beside, input_hash=key)
+        watch.lap("write")
+        row |= numbers
+        frame.seconds |= watch.seconds
+
+    def _wait_for_writing(self, left: int) -> None:
+        """Wait until no more than so many frames are still to be written; what went wrong with them is raised."""
+        while len(self._writing) > left:
+            self._writing.pop(0).result()
+
+    def _save(self) -> None:
+        """Write a checkpoint: all that the next frame depends on; of a run that has given nothing yet there is none."""
+        self._wait_for_writing(0)
+        self._saved = len(self.rows)
+        if not self.stored:
+            return
+        plain, path = [_without_seconds(row) for row in self.rows], self.folder.path / STATE_NAME
+        write_bytes(path, pack(_MADE_BY, plain, self.session.odometry.state()))
+        self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
+
+    def _resume(self) -> None:
+        """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
+        unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
+        if unit is None:
+            return
+        try:
+            if not self.folder.is_done(path, input_hash=unit.input):
+                raise InputError("it was changed since the run")
+            self._take_over(path)
+        except InputError as error:
+            _LOG.warning(one_line(f"{path}: does not count ({error}); all frames are made anew"))
+
+    def _take_over(self, path: Path) -> None:
+        """Go on from a checkpoint of this version whose images and files are as they were."""
+        rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+        if len(rows) > len(self.wanted):
+            raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
+        for index, row in zip(self.wanted, rows, strict=False):
+            self._check_as_before(index, row)
+        places = [row["index"] for row in rows if "skipped" not in row]
+        session = Session(self.source.rig, self.session.settings)
+        session.odometry.restore(state, lambda number: self._image(places[number]))
+        self.session, self.rows = session, rows
+
+    def _image(self, index: int) -> Image:
+        return self.source[index].left
+
+    def _check_as_before(self, index: int, row: Row) -> None:
+        """Raise `InputError` unless a row is of that pair as it is now, and its files are what the row says."""
+        pair = self._one(index)
+        is_same = row["index"] == index and row["input_hash"] == _input_hash(pair, self.session)
+        if isinstance(pair, InputError):
+            is_same &= row.get("skipped") == str(pair)
+        elif "skipped" not in row:
+            is_same &= (row["name"], row["stamp"]) == (pair.name, pair.stamp)
+        if not is_same or ("points" in row and not self._is_stored(row)):
+            raise InputError(f"the images or the files of frame {index} are not those that it was made from")
+
+    def _is_stored(self, row: Row) -> bool:
+        """Whether a frame's files are as they were left, and of those numbers."""
+        path = self.folder.frame_path(row["index"])
+        files = path, path.with_suffix(".json")
+        if not all(self.folder.is_done(file, input_hash=row["input_hash"]) for file in files):
+            return False
+        frame = read_frame(path)
+        sizes = len(frame.cloud), len(frame.complex_.edges), len(frame.complex_.faces)
+        is_same = sizes == (row["points"], row["edges"], row["faces"]) and frame.index == row["index"]
+        return is_same and read_bytes(files[1], "the numbers of a frame") == _text(row)
+
+
+def _without_seconds(row: Row) -> Row:
+    return {name: value for name, value in row.items() if name != "seconds"}
+
+
+def _text(numbers: Row) -> bytes:
+    return (json.dumps(numbers, indent=1, allow_nan=False) + "\n").encode()
+
+
+def folder_name(row: Row) -> str:
+    """Name of a frame's file in its run folder."""
+    return f"frames/{row['index']:06d}.npz"
+
+
+def merged_map(sequence: SequenceRun) -> StoredFrame:
+    """All stored frames in the world, as one complex."""
+    rows, path = sequence.stored, sequence.session.trajectory.T_world_camera
+    place = {row["index"]: number for number, row in enumerate(sequence.tracked)}
+    frames = (read_frame(sequence.folder.frame_path(row["index"])) for row in rows)
+    return merged(frames, path[[place[row["index"]] for row in rows]])
+
+
+def _input_hash(pair: StereoPair | InputError, session: Session) -> str:
+    """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
+    key = hash_of(str(pair)) if isinstance(pair, InputError) else pair_hash(pair)
+    prints = session.fingerprints
+    return hash_of([key, prints]) if any(prints) else key

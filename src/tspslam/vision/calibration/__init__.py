@@ -1,0 +1,1 @@
+"""Calibration files of all kinds, lenses, and the rectification of raw pairs."""

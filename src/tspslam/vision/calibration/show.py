@@ -1,0 +1,98 @@
+"""What a calibration file says, for a person to check, and the same in our format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from ...types import RawRig, Rig
+from ..rig import doubts
+from .formats import Calibration, read_calibration
+from .formats.own import save_cameras
+from .rectify import rectification
+
+Size = tuple[int, int]
+
+
+def described(file: Path, size: Size | None = None) -> dict[str, Any]:
+    """Describe a calibration file: ``format``, ``kind``, ``values`` with their origin, ``remarks``.
+
+    Parameters
+    ----------
+    file : path
+        As `read_calibration` takes it.
+    size : (width, height), optional
+        Of the images, px.
+
+    Returns
+    -------
+    dict
+        Plain, fit for JSON; of raw cameras also the values after rectification, as ``rectified.fx``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be understood, or its cameras cannot be rectified.
+    """
+    found = read_calibration(file, size)
+    cameras = found.cameras
+    is_raw = isinstance(cameras, RawRig)
+    rig = _rectified(file, cameras)
+    rows = _raw_values(cameras) if isinstance(cameras, RawRig) else dict(vars(rig))
+    values = {name: {"value": value, "origin": found.origin.get(name, "0 by default")} for name, value in rows.items()}
+    if is_raw:
+        values |= {f"rectified.{name}": {"value": value, "origin": "computed"} for name, value in vars(rig).items()}
+    kind = "two raw cameras" if is_raw else "a rectified pair" if rig.baseline else "a single camera"
+    return {"format": found.format, "kind": kind, "values": values, "remarks": _remarks(found, rig)}
+
+
+def converted(file: Path, output: Path, size: Size | None = None, rectify: bool = False) -> list[str]:
+    """Write a calibration file in our format, and return what one should know of it.
+
+    Parameters
+    ----------
+    file : path
+        As `read_calibration` takes it.
+    output : path
+        The file to write.
+    size : (width, height), optional
+        Of the images, px.
+    rectify : bool
+        Write the rectified pair of raw cameras instead of these.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        As `described`.
+    OutputError
+        If `output` cannot be written.
+    """
+    found = read_calibration(file, size)
+    rig = _rectified(file, found.cameras)
+    save_cameras(rig if rectify else found.cameras, output)
+    return _remarks(found, rig)
+
+
+def _rectified(file: Path, cameras: Rig | RawRig) -> Rig:
+    try:
+        return rectification(cameras).rig if isinstance(cameras, RawRig) else cameras
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def _remarks(found: Calibration, rig: Rig) -> list[str]:
+    return [*found.remarks, *doubts(rig)]
+
+
+def _raw_values(cameras: RawRig) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for side, camera in (("left", cameras.left), ("right", cameras.right)):
+        plain = {name: value for name, value in vars(camera).items() if name != "distortion"}
+        lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion, strict=True))
+        values |= {f"{side}.{name}": value for name, value in (plain | lens).items()}
+    return values | {"T_right_left": [list(row) for row in cameras.T_right_left]}

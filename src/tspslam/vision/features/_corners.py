@@ -1,0 +1,172 @@
+"""Compiled loops of detection: corners, their strength and orientation, and an even choice of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._jit import inlined, kernel, reassociated_kernel
+
+Levels = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_HARRIS = np.float32(0.04)
+_BLOCK = 3  # px, half width of the block that strength is summed over
+_RADIUS = 15  # px, of the disc whose centroid gives the orientation
+
+
+@inlined
+def lesser(a: float, b: float) -> float:
+    """Smaller of two numbers, without a branch."""
+    return a if a < b else b
+
+
+@inlined
+def greater(a: float, b: float) -> float:
+    """Larger of two numbers, without a branch."""
+    return a if a > b else b
+
+
+@kernel
+def segment_scores(image: Levels, threshold: int, margin: int, score: Levels) -> None:
+    """Segment test of FAST (Rosten and Drummond) on the circle of radius 3, at its eight even points.
+
+    The score is the largest contrast at which four neighbouring points of the eight are all brighter or all darker
+    than the centre; 0 where it does not exceed `threshold`. Bytes throughout: 32 pixels fit a vector register.
+    """
+    height, width = image.shape
+    none = np.uint8(0)
+    limit = np.uint8(threshold)
+    first, last = margin, width - margin
+    for y in range(margin, height - margin):
+        # One slice a point: plain indices from 0 let the compiler use whole registers.
+        n, ne, nw = image[y - 3, first:last], image[y - 2, first + 2 : last + 2], image[y - 2, first - 2 : last - 2]
+        here, east, west = image[y, first:last], image[y, first + 3 : last + 3], image[y, first - 3 : last - 3]
+        south, se, sw = image[y + 3, first:last], image[y + 2, first + 2 : last + 2], image[y + 2, first - 2 : last - 2]
+        out = score[y, first:last]
+        for x in range(last - first):
+            c, a, b, d, e = here[x], n[x], ne[x], east[x], se[x]
+            f, g, h, i = south[x], sw[x], west[x], nw[x]
+            ab, bd, de, ef = lesser(a, b), lesser(b, d), lesser(d, e), lesser(e, f)
+            fg, gh, hi, ia = lesser(f, g), lesser(g, h), lesser(h, i), lesser(i, a)
+            one, two = greater(lesser(ab, de), lesser(bd, ef)), greater(lesser(de, fg), lesser(ef, gh))
+            three, four = greater(lesser(fg, hi), lesser(gh, ia)), greater(lesser(hi, ab), lesser(ia, bd))
+            high = greater(greater(one, two), greater(three, four))
+            ab, bd, de, ef = greater(a, b), greater(b, d), greater(d, e), greater(e, f)
+            fg, gh, hi, ia = greater(f, g), greater(g, h), greater(h, i), greater(i, a)
+            one, two = lesser(greater(ab, de), greater(bd, ef)), lesser(greater(de, fg), greater(ef, gh))
+            three, four = lesser(greater(fg, hi), greater(gh, ia)), lesser(greater(hi, ab), greater(ia, bd))
+            low = lesser(lesser(one, two), lesser(three, four))
+            contrast = greater(np.uint8(greater(high, c) - c), np.uint8(c - lesser(low, c)))
+            out[x] = contrast if contrast > limit else none
+
+
+@kernel
+def peaks(score: Levels, y: int, peak: Levels) -> None:
+    """Keep in `peak` the scores of row y that exceed those of their eight neighbours; of equal ones the last."""
+    above, here, below = score[y - 1], score[y], score[y + 1]
+    none, width = np.uint8(0), len(here)
+    a, b, c = above[: width - 2], above[1 : width - 1], above[2:]
+    d, e, f = here[: width - 2], here[1 : width - 1], here[2:]
+    g, h, i = below[: width - 2], below[1 : width - 1], below[2:]
+    out = peak[1 : width - 1]
+    for x in range(width - 2):
+        before, after = (
+            greater(greater(a[x], b[x]), greater(c[x], d[x])),
+            greater(greater(f[x], g[x]), greater(h[x], i[x])),
+        )
+        out[x] = e[x] if (e[x] >= before) & (e[x] > after) else none
+
+
+@reassociated_kernel
+def harris(image: Levels, y: int, x: int) -> np.float32:
+    """Harris response over a block of 7 x 7 px, per pixel; central differences."""
+    xx, xy, yy = np.float32(0), np.float32(0), np.float32(0)
+    for dy in range(-_BLOCK, _BLOCK + 1):
+        first, last = x - _BLOCK, x + _BLOCK + 1
+        above, below = image[y + dy - 1, first:last], image[y + dy + 1, first:last]
+        here = image[y + dy, first - 1 : last + 1]
+        for k in range(2 * _BLOCK + 1):
+            gx = np.float32(here[k + 2]) - np.float32(here[k])
+            gy = np.float32(below[k]) - np.float32(above[k])
+            xx += gx * gx
+            xy += gx * gy
+            yy += gy * gy
+    return (xx * yy - xy * xy - _HARRIS * (xx + yy) * (xx + yy)) / np.float32(2401)
+
+
+@kernel
+def find_corners(image: Levels, threshold: int, margin: int) -> tuple[Int64, Float32]:
+    """Find the peaks of the segment test with positive Harris response: (N, 2) places (x, y), (N,) responses."""
+    height, width = image.shape
+    score, peak = np.zeros((height, width), np.uint8), np.zeros(width, np.uint8)
+    segment_scores(image, threshold, margin, score)
+    most = (height * width) // 2  # no two peaks touch along a row
+    xy, strength = np.empty((most, 2), np.int64), np.empty(most, np.float32)
+    count = 0
+    for y in range(margin, height - margin):
+        peaks(score, y, peak)
+        for x in range(margin, width - margin):
+            if peak[x] > 0:
+                response = harris(image, y, x)
+                if response > 0:
+                    xy[count, 0], xy[count, 1], strength[count] = x, y, response
+                    count += 1
+    return xy[:count].copy(), strength[:count].copy()
+
+
+@kernel
+def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, height: int, count: int) -> Int64:
+    """Choose `count` points evenly: square cells take turns in giving the next of their points in `order`.
+
+    A point within `spacing` px of an earlier one in `order` takes no part. Returns indices, best turn first.
+    """
+    columns, rows = int(width / side) + 1, int(height / side) + 1
+    given = np.zeros(columns * rows, np.int64)
+    taken = np.zeros((height, width), np.bool_)
+    turn = np.full(len(order), -1, np.int64)
+    for k in range(len(order)):
+        u, v = uv[order[k], 0], uv[order[k], 1]
+        x, y = int(u + 0.5), int(v + 0.5)
+        if not taken[y, x]:
+            for row in range(max(0, y - spacing), min(height, y + spacing + 1)):
+                reach = int(np.sqrt(spacing * spacing - (row - y) * (row - y)))
+                taken[row, max(0, x - reach) : x + reach + 1] = True
+            cell = int(v / side) * columns + int(u / side)
+            turn[k] = given[cell]
+            given[cell] += 1
+    start = np.zeros(given.max() + 2, np.int64)
+    for k in range(len(order)):
+        start[turn[k] + 1] += turn[k] >= 0
+    start = np.cumsum(start)
+    chosen = np.empty(start[-1], np.int64)
+    for k in range(len(order)):
+        if turn[k] >= 0:
+            chosen[start[turn[k]]] = order[k]
+            start[turn[k]] += 1
+    return chosen[:count]
+
+
+@reassociated_kernel
+def orientations(image: Levels, xy: Int64, angle: Float64) -> None:
+    """Write the direction from each corner to the centroid of the grey levels around it, rad in [0, 2π)."""
+    reach = np.empty(2 * _RADIUS + 1, np.int64)
+    for dy in range(-_RADIUS, _RADIUS + 1):
+        reach[dy + _RADIUS] = int(np.sqrt((_RADIUS + 0.5) ** 2 - dy * dy))
+    ramp = np.arange(-_RADIUS, _RADIUS + 1).astype(np.float32)
+    for i in range(xy.shape[0]):
+        x, y = xy[i, 0], xy[i, 1]
+        along, down = np.float32(0), np.float32(0)
+        for dy in range(-_RADIUS, _RADIUS + 1):
+            r = reach[dy + _RADIUS]
+            row, ramp_here = image[y + dy, x - r : x + r + 1], ramp[_RADIUS - r : _RADIUS + r + 1]
+            total, moment = np.float32(0), np.float32(0)
+            for k in range(2 * r + 1):
+                value = np.float32(row[k])
+                total += value
+                moment += ramp_here[k] * value
+            along += moment
+            down += ramp[dy + _RADIUS] * total
+        angle[i] = np.arctan2(np.float64(down), np.float64(along)) % (2 * np.pi)

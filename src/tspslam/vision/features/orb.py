@@ -1,0 +1,170 @@
+"""ORB keypoints: our own corners, spread evenly, with OpenCV's descriptors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._checks import check_ranges
+from ...types import Features
+from .spread import SPREAD_RANGES, check_plane, choose_evenly, no_features
+
+_EDGE = 19  # px at each level that ORB needs around a keypoint
+_PATCH = 31  # px, diameter of ORB's patch
+
+
+@dataclass(frozen=True)
+class OrbDetector:
+    """ORB keypoints and descriptors (Rublee et al. 2011), spread evenly over the image.
+
+    Corners are peaks of the FAST segment test on each octave, ranked by Harris response and oriented by the centroid
+    of their neighbourhood. The image is cut into square cells, which take turns in giving their best remaining corner
+    until `count` are found. Of corners close to each other, at whatever octave, the strongest stays.
+
+    Parameters
+    ----------
+    count : int
+        Keypoints wanted; fewer are returned where there is less texture.
+    scale_factor : float
+        Ratio of neighbouring octaves, above 1.
+    levels : int
+        Octaves.
+    fast_threshold : int
+        Contrast of a corner, grey levels.
+    per_cell : float
+        Keypoints a cell holds in the mean; smaller spreads more evenly.
+    spacing : float
+        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
+    >>> features = OrbDetector(count=100)(noise)
+    >>> features.uv.shape, features.descriptor.shape
+    ((100, 2), (100, 32))
+    """
+
+    count: int = 2000
+    scale_factor: float = 1.2
+    levels: int = 8
+    fast_threshold: int = 7
+    per_cell: float = 6.0
+    spacing: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        ranges = {"scale_factor": (1.01, 4.0), "levels": (1, 16), "fast_threshold": (1, 254)}
+        check_ranges("orb", self, SPREAD_RANGES | ranges)
+
+    def __call__(self, grey: NDArray[np.uint8]) -> Features:
+        """Detect keypoints.
+
+        Parameters
+        ----------
+        grey : (H, W) uint8
+            Luminance.
+
+        Returns
+        -------
+        Features
+            At most `count`, sorted by octave; descriptors (N, 32) uint8. Empty where there is no texture.
+
+        Raises
+        ------
+        InputError
+            If the image is not a plane of uint8.
+        """
+        check_plane("orb", grey)
+        planes = self._pyramid(np.ascontiguousarray(grey))
+        corners = self._choose(_all_corners(planes, self.fast_threshold), grey.shape)
+        if len(corners.xy) == 0:
+            return no_features(32, np.uint8)
+        return self._describe(grey, corners, _orientations(planes, corners))
+
+    def _pyramid(self, grey: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """Octaves that are larger than the margins, each resampled from the one before."""
+        import cv2
+
+        planes: list[NDArray[np.uint8]] = []
+        level: Any = grey
+        for octave in range(self.levels):
+            height, width = (round(side / self.scale_factor**octave) for side in grey.shape)
+            if min(height, width) < 2 * _EDGE + 6:
+                break
+            if octave:
+                level = cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR_EXACT)
+            planes.append(level)
+        return planes
+
+    def _choose(self, corners: _Corners, shape: tuple[int, ...]) -> _Corners:
+        """Spread choice of the corners, sorted by octave."""
+        height, width = shape
+        uv = np.minimum(_full_size(corners, self.scale_factor), (width - 1, height - 1))
+        chosen = choose_evenly(
+            uv, corners.strength, (height, width), self.count, per_cell=self.per_cell, spacing=self.spacing
+        )
+        return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
+
+    def _describe(self, grey: NDArray[np.uint8], corners: _Corners, angle: NDArray[np.float64]) -> Features:
+        """ORB's descriptors of the blurred octaves."""
+        import cv2
+
+        scale = self.scale_factor ** corners.octave.astype(np.float64)
+        # OpenCV places a keypoint at its level coordinates times the scale.
+        places = corners.xy * scale[:, None]
+        columns = places[:, 0], places[:, 1], scale * _PATCH, np.degrees(angle), corners.strength, corners.octave
+        keypoints = list(map(cv2.KeyPoint, *(column.tolist() for column in columns)))
+        orb = cv2.ORB.create(
+            scaleFactor=self.scale_factor, nlevels=int(corners.octave.max()) + 1, edgeThreshold=_EDGE, patchSize=_PATCH
+        )
+        described, descriptor = orb.compute(grey, keypoints)
+        assert len(described) == len(keypoints)  # the margins leave none at the border
+        uv = _full_size(corners, self.scale_factor)
+        return Features(
+            uv, np.asarray(descriptor, np.uint8), corners.strength, scale.astype(np.float32), angle.astype(np.float32)
+        )
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """Corners in level coordinates: xy (N, 2), octave (N,), strength (N,) float32."""
+
+    xy: NDArray[np.int64]
+    octave: NDArray[np.int64]
+    strength: NDArray[np.float32]
+
+
+def _all_corners(planes: list[NDArray[np.uint8]], threshold: int) -> _Corners:
+    from ._corners import find_corners
+
+    found = [find_corners(plane, threshold, _EDGE) for plane in planes]
+    sizes = [len(strength) for _, strength in found]
+    return _Corners(
+        np.concatenate([np.zeros((0, 2), np.int64), *(xy for xy, _ in found)]),
+        np.repeat(np.arange(len(planes)), sizes),
+        np.concatenate([np.zeros(0, np.float32), *(strength for _, strength in found)]),
+    )
+
+
+def _orientations(planes: list[NDArray[np.uint8]], corners: _Corners) -> NDArray[np.float64]:
+    from ._corners import orientations
+
+    angle = np.empty(len(corners.xy))
+    for octave, plane in enumerate(planes):
+        begin, end = np.searchsorted(corners.octave, (octave, octave + 1))
+        orientations(plane, corners.xy[begin:end], angle[begin:end])
+    return angle
+
+
+def _full_size(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
+    """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
+    scale = scale_factor ** corners.octave.astype(np.float64)[:, None]
+    return corners.xy * scale + (scale - 1) / 2

@@ -1,0 +1,142 @@
+"""What stages want of an image: grey levels, a smoothed plane, a pyramid of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..types import Image
+
+Plane = NDArray[np.float32]
+_TO_GREY_LEVELS = {"u1": 1.0, "u2": 1 / 257, "f4": 255.0, "f8": 255.0}
+_SMOOTHING = 0.6  # px; less lets the interpolation bias through, more blurs depth edges
+_LEVELS = 4
+_SMALLEST = 60  # px that the shorter side of a level must have for a smaller level to be made
+
+
+def grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """8-bit luminance of any supported image: Rec. 601 weights in float, then rounded once.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1]; colour is RGB.
+
+    Returns
+    -------
+    (H, W) uint8
+
+    Raises
+    ------
+    InputError
+        If the shape or dtype is another one.
+
+    Examples
+    --------
+    >>> grey_levels(np.full((1, 1), 65535, np.uint16)).tolist()
+    [[255]]
+    >>> grey_levels(np.array([[[255, 0, 0]]], np.uint8)).tolist()
+    [[76]]
+    """
+    if image.ndim == 2 and image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    return np.rint(luminance_levels(image)).astype(np.uint8)
+
+
+def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
+    """Luminance of any supported image in 8-bit grey levels, not rounded.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1]; colour is RGB, weighed by Rec. 601.
+
+    Returns
+    -------
+    (H, W) float32
+        0 to 255.
+
+    Raises
+    ------
+    InputError
+        If the shape or dtype is another one.
+
+    Examples
+    --------
+    >>> luminance_levels(np.full((1, 1), 0.5, np.float32)).tolist()
+    [[127.5]]
+    """
+    to_grey = _TO_GREY_LEVELS.get(image.dtype.str[1:])
+    if to_grey is None or image.size == 0 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+        raise InputError(
+            f"image: {image.dtype} of shape {image.shape}, expected (H, W) or (H, W, 3) of uint8, uint16 or float"
+        )
+    plane: NDArray[np.float32] = image.astype(np.float32)
+    if image.ndim == 3:
+        import cv2
+
+        plane = cv2.cvtColor(plane, cv2.COLOR_RGB2GRAY)  # Rec. 601
+    if to_grey != 1.0:
+        plane *= np.float32(to_grey)
+    return np.clip(plane, 0, 255, out=plane)
+
+
+def smooth_plane(image: NDArray[Any]) -> Plane:
+    """Luminance in grey levels, smoothed by a Gaussian of 0.6 px so that it can be interpolated without bias.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1].
+
+    Returns
+    -------
+    (H, W) float32
+
+    Raises
+    ------
+    InputError
+        If the shape or dtype is another one.
+
+    Examples
+    --------
+    >>> float(smooth_plane(np.full((5, 5), 51, np.uint8))[2, 2])
+    51.0
+    """
+    import cv2
+
+    plane: Plane = cv2.GaussianBlur(luminance_levels(image), (5, 5), _SMOOTHING)
+    return plane
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """An image in half, quarter and eighth size too.
+
+    Attributes
+    ----------
+    levels : tuple of (h, w) float32
+        Smoothed grey levels, full size first; pixel (2u, 2v) of one is (u, v) of the next.
+    """
+
+    levels: tuple[Plane, ...]
+
+
+def pyramid(image: Image) -> Pyramid:
+    """Smooth an image and halve it while it is larger than a few windows.
+
+    Examples
+    --------
+    >>> [level.shape for level in pyramid(np.zeros((100, 200), np.uint8)).levels]
+    [(100, 200), (50, 100)]
+    """
+    import cv2
+
+    levels = [smooth_plane(image)]
+    while len(levels) < _LEVELS and min(levels[-1].shape) >= _SMALLEST:
+        levels.append(cv2.pyrDown(levels[-1]))
+    return Pyramid(tuple(levels))

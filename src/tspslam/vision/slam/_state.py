@@ -1,0 +1,170 @@
+"""Whether the state of an odometry is one that it can have given: shapes, ranges, and that its parts agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._npz import Arrays, check_shapes
+from ...errors import InputError
+from ...types import FloatArray, Rig
+from ..rig import project
+from ..se3 import inverse
+
+# Letters are lengths that must agree: t frames, k keyframes, s sights of landmarks, n landmarks, d words of each.
+SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
+    "stamps": ("<f8", ("t",)),
+    "anchors": ("<i8", ("t",)),
+    "anchored": ("<f8", ("t", 4, 4)),
+    "poses": ("<f8", (2, 4, 4)),
+    "counts": ("<i8", (5,)),
+    "row_offset": ("<f8", ()),
+    "keyframe_index": ("<i8", ("k",)),
+    "keyframe_pose": ("<f8", ("k", 4, 4)),
+    "keyframe_is_start": ("|b1", ("k",)),
+    "keyframe_has_image": ("|b1", ("k",)),
+    "keyframe_sights": ("<i8", ("k",)),
+    "landmark": ("<i8", ("s",)),
+    "uv": ("<f8", ("s", 2)),
+    "disparity": ("<f8", ("s",)),
+    "xyz": ("<f8", ("n", 3)),
+    "words": ("<u8", ("n", "d")),
+    "offset": ("<f8", (2,)),
+    "is_bent": ("|b1", ()),
+}
+_MAY_BE_NAN = frozenset({"disparity"})
+_NO_SIGHTS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
+_LARGEST = 1e9  # of any value; positions in m
+_ORTHONORMAL = 1e-6  # off from a rotation
+_ROUNDING = 1e-6  # m per m, of a product of poses
+_NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made: it says how far a camera sees
+_LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
+# Of the image's width, in the median over a keyframe, from where its landmarks should be seen: runs have less than
+# 0.001, and 0.007 right after a frame was placed wrongly.
+_MOST_OFF = 0.1
+_MOST_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
+
+
+def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
+    """Check the arrays of `Odometry.state`, which may come from a file that something else has changed.
+
+    Numbers that are merely somewhat different cannot be told from a state; those that no path of this rig has can.
+
+    Raises
+    ------
+    InputError
+        With the first thing that is wrong.
+    """
+    try:
+        fault = next(_faults(_NO_SIGHTS | dict(state), rig), None)
+    except InputError as error:
+        fault = str(error)
+    if fault:
+        raise InputError(f"odometry: the state does not hold together ({fault}), expected what `state` gave")
+
+
+def _faults(state: Arrays, rig: Rig) -> Iterator[str]:
+    """What is wrong, one after another: each look rests on those before it."""
+    yield from _wrong_types(state)
+    check_shapes({name: state[name] for name in SCHEMA}, SCHEMA, {})
+    yield from _wild_numbers(state, rig)
+    yield from _wrong_numbers_of_frames(state, rig)
+    yield from _wrong_sights(state, rig)
+    yield from _broken_path(state, rig)
+    yield from _landmarks_elsewhere(state, rig)
+
+
+def _wrong_types(state: Arrays) -> Iterator[str]:
+    for name, (kind, _) in SCHEMA.items():
+        if name not in state:
+            yield f"it has no array {name}"
+        elif state[name].dtype != np.dtype(kind):
+            yield f"array {name} has type {state[name].dtype}"
+
+
+def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
+    for name, (kind, _) in SCHEMA.items():
+        values = state[name]
+        if kind == "<f8" and not ((np.abs(values) < _LARGEST) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
+            yield f"array {name} holds a value that is not finite or too large"
+    for name in ("anchored", "poses", "keyframe_pose"):
+        if not _are_rigid(state[name]):
+            yield f"array {name} holds a pose that is no rigid motion"
+    offset, information = state["offset"]
+    if not (abs(offset) < rig.width and information > 0 and abs(state["row_offset"]) <= rig.height):
+        yield "an offset is larger than the image"
+
+
+def _are_rigid(T: FloatArray) -> bool:
+    R = T[:, :3, :3]
+    off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0.0)
+    return bool(off < _ORTHONORMAL and (np.linalg.det(R) > 0).all() and (T[:, 3] == (0, 0, 0, 1)).all())
+
+
+def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
+    count, keyframes, anchors = len(state["stamps"]), state["keyframe_index"], state["anchors"]
+    if (np.diff(state["stamps"]) < 0).any():
+        yield "stamps fall"
+    if bool(count) != bool(len(keyframes)) or (np.diff(keyframes) <= 0).any():
+        yield "keyframes are not in order"
+    if len(keyframes) and not (keyframes[0] >= 0 and keyframes[-1] < count):
+        yield "a keyframe is no frame"
+    if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
+        yield "a frame hangs on no keyframe"
+    wanted, lost, unsolved, loops, asked = state["counts"].tolist()
+    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved, loops) >= 0 and 0 <= asked <= 1):
+        yield "a count is negative or too large"
+    if max(lost, unsolved, loops) > count:
+        yield "more was lost or closed than there are frames"
+
+
+def _wrong_sights(state: Arrays, rig: Rig) -> Iterator[str]:
+    sights, landmark, count = state["keyframe_sights"], state["landmark"], len(state["xyz"])
+    if (sights < 0).any() or (sights > len(landmark)).any() or sights.sum() != len(landmark):
+        yield "keyframes do not share the sights"
+        return
+    if landmark.size and not (landmark.min() >= 0 and landmark.max() < count):
+        yield "a landmark is seen that is not there"
+    frame = np.repeat(np.arange(len(sights)), sights)
+    if len(np.unique(frame * count + landmark)) < len(landmark):
+        yield "a landmark is seen twice in a keyframe"
+    u, v = state["uv"].T
+    if ((u < -1) | (u > rig.width) | (v < -1) | (v > rig.height)).any():
+        yield "a landmark is seen outside the image"
+
+
+def _broken_path(state: Arrays, rig: Rig) -> Iterator[str]:
+    if not len(state["stamps"]):
+        return
+    keyframes, (pose, motion) = state["keyframe_index"], state["poses"]
+    path = state["keyframe_pose"][np.searchsorted(keyframes, state["anchors"])] @ state["anchored"]
+    if np.abs(path[-1] - pose).max() > _ROUNDING * (1 + np.abs(pose).max()):
+        yield "the last pose is not that of the path"
+    steps = [*np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1), np.linalg.norm(motion[:3, 3])]
+    if max(steps) > _LONGEST_STEP * rig.fx * rig.baseline / _NEAREST_TOTAL:
+        yield "a step is farther than the camera sees"
+
+
+def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
+    """Keyframes half of whose landmarks, or their disparities, are far from where they were seen."""
+    if not len(state["keyframe_pose"]):
+        return
+    ends = np.cumsum(state["keyframe_sights"])[:-1]
+    columns = (np.split(state[name], ends) for name in ("landmark", "uv", "disparity"))
+    for k, (T, landmark, uv, disparity) in enumerate(zip(state["keyframe_pose"], *columns, strict=True)):
+        T_camera_world = inverse(T)
+        points = state["xyz"][landmark] @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+        off = np.linalg.norm(project(rig, points) - uv, axis=1)
+        with np.errstate(divide="ignore"):
+            expected = rig.fx * rig.baseline / points[:, 2] - rig.doffs + state["offset"][0]
+        wide = np.abs(disparity - expected)[~np.isnan(disparity)]
+        if not (_are_within(off, _MOST_OFF * rig.width) and _are_within(wide, _MOST_WIDE * rig.width)):
+            yield f"keyframe {k} does not see its landmarks where they are"
+
+
+def _are_within(off: FloatArray, most: float) -> bool:
+    """Whether at least half of the distances are at most that; NaN is not."""
+    return bool((off <= most).sum() >= len(off) / 2)

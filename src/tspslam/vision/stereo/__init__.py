@@ -1,0 +1,1 @@
+"""A pair of images to points: matching along rows, disparity maps, triangulation."""

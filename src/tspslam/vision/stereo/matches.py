@@ -1,0 +1,81 @@
+"""What matching finds, and whether a point's neighbours in the image agree with its disparity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import BoolArray, FloatArray
+
+_NEIGHBOURS = 8
+_NEEDED = 2
+_SLOPE = 0.1  # px of disparity per px of distance that a slanted surface may show
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Keypoints of the left image with their disparities.
+
+    Attributes
+    ----------
+    left_index : (M,) int64
+        Rows of the left features, ascending, each at most once.
+    right_index : (M,) int64
+        Rows of the right features; -1 where the place was found by searching the row.
+    disparity : (M,) float64
+        ``u_left - u_right``, px.
+    score : (M,) float64
+        Likeness of the two windows or descriptors, at most 1.
+    vertical_offset_px : float
+        Median of ``v_right - v_left`` over the matches.
+    vertical_offset_std_px : float
+        Its spread: 1.4826 times the median absolute deviation.
+    """
+
+    left_index: NDArray[np.int64]
+    right_index: NDArray[np.int64]
+    disparity: FloatArray
+    score: FloatArray
+    vertical_offset_px: float = 0.0
+    vertical_offset_std_px: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.left_index)
+
+
+def supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> BoolArray:
+    """Whether at least two of a point's eight nearest neighbours have nearly its disparity.
+
+    "Nearly" is ``tolerance + 0.1 · distance``, so that slanted surfaces pass. With too few points to judge (fewer
+    than nine), all pass.
+
+    Parameters
+    ----------
+    uv : (N, 2) float64
+        Places in the image, px.
+    disparity : (N,) float64
+        Disparities, px.
+    tolerance : float
+        px.
+
+    Returns
+    -------
+    (N,) bool
+
+    Examples
+    --------
+    >>> u = np.arange(20.0)
+    >>> supported(np.column_stack([u, u]), np.where(u == 7, 40.0, 5.0), tolerance=1.0).sum()
+    np.int64(19)
+    """
+    if len(uv) <= _NEIGHBOURS:
+        return np.ones(len(uv), np.bool_)
+    from scipy.spatial import cKDTree
+
+    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(uv, _NEIGHBOURS + 1, workers=2)
+    difference = np.abs(disparity[neighbour] - disparity[:, None])
+    agree = difference <= tolerance + _SLOPE * distance
+    agrees: BoolArray = np.count_nonzero(agree, axis=1) > _NEEDED  # the point itself agrees too
+    return agrees

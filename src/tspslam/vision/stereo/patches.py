@@ -1,0 +1,194 @@
+"""Windows compared along rows: search in whole pixels, refinement to a fraction, vertical offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InputError
+from ...types import BoolArray, FloatArray
+from .._parallel import in_halves
+from ..images import Plane
+
+_MOST_OFFSETS = 128  # matches that the vertical offset is measured on
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Size and weights of the square windows that are compared.
+
+    Parameters
+    ----------
+    radius : int
+        Half width, px; 1 to 15.
+    contrast : float
+        Per grey level (of 255): a pixel that differs from the centre by ``1 / contrast`` counts half.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> Windows(radius=4).radius
+    4
+    """
+
+    radius: int = 4
+    contrast: float = 0.07
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 1 <= self.radius <= 15:
+            raise InputError(f"windows: radius is {self.radius}, expected 1 to 15")
+        if not 0 <= self.contrast <= 10:
+            raise InputError(f"windows: contrast is {self.contrast}, expected 0 to 10")
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Result of `refine`, one row a point.
+
+    Attributes
+    ----------
+    disparity : (N,) float64
+        px.
+    score : (N,) float64
+        Correlation of the aligned windows.
+    gain : (N,) float64
+        Contrast of the first window over that of the second.
+    good : (N,) bool
+        False where the iteration did not converge or ran away.
+    """
+
+    disparity: FloatArray
+    score: FloatArray
+    gain: FloatArray
+    good: BoolArray
+
+    def where(self, mask: BoolArray) -> Alignment:
+        """Rows where `mask` holds."""
+        return Alignment(self.disparity[mask], self.score[mask], self.gain[mask], self.good[mask])
+
+
+def shift_rows(plane: Plane, offset: float) -> Plane:
+    """Interpolate a plane at rows moved by an offset: ``out[v] = plane[v + offset]``, six points, edges repeated.
+
+    Parameters
+    ----------
+    plane : (H, W) float32
+        Smoothed plane.
+    offset : float
+        px, at most 16 either way.
+
+    Returns
+    -------
+    (H, W) float32
+
+    Examples
+    --------
+    >>> rows = np.arange(20, dtype=np.float32)[:, None].repeat(3, axis=1)
+    >>> float(shift_rows(rows, 0.25)[10, 1])
+    10.25
+    """
+    import cv2
+
+    from ._patches import lagrange_taps
+
+    whole = int(np.floor(offset))
+    taps = np.empty(6, np.float32)
+    lagrange_taps(offset - whole, taps)
+    reach = abs(whole) + 3
+    column = np.zeros(2 * reach + 1, np.float32)
+    column[reach + whole - 2 : reach + whole + 4] = taps
+    shifted: Plane = cv2.sepFilter2D(plane, cv2.CV_32F, np.ones(1, np.float32), column, borderType=cv2.BORDER_REPLICATE)
+    return shifted
+
+
+def search(
+    first: Plane, second: Plane, uv: FloatArray, ranges: FloatArray, windows: Windows
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Best disparity in whole pixels of the window around each point of the first image, along its row of the second.
+
+    Parameters
+    ----------
+    first, second : (H, W) float32
+        Smoothed planes.
+    uv : (N, 2) float64
+        Points of the first image, px; rounded to whole pixels.
+    ranges : (2, N) float64
+        Smallest and largest ``u_first - u_second``, px.
+    windows : Windows
+        What to compare.
+
+    Returns
+    -------
+    disparity, score, rival : (N,) float64
+        Best disparity, px, relative to `uv` rounded; its correlation; that of the best one elsewhere. Scores are -1
+        where there is nothing to compare.
+    """
+    from ._patches import search_rows
+
+    xy = np.rint(uv).astype(np.int64)
+    shift = np.column_stack([-np.ceil(ranges[1]), -np.floor(ranges[0])]).astype(np.int64)
+    found = np.empty((len(xy), 3))
+    in_halves(
+        lambda part: search_rows(first, second, xy[part], shift[part], windows.radius, windows.contrast, found[part]),
+        len(xy),
+    )
+    return -found[:, 0], found[:, 1], found[:, 2]
+
+
+def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, windows: Windows) -> Alignment:
+    """Disparity to a fraction of a pixel, by iterated least squares with affine brightness.
+
+    With l the first window and r the second, interpolated at the current disparity, and g the mean of their
+    gradients along the row, ``l ≈ gain · (r + step · g) + offset`` is solved for the step until it vanishes (Lucas
+    and Kanade 1981). Six-point interpolation keeps the result free of bias.
+
+    Parameters
+    ----------
+    first, second : (H, W) float32
+        Smoothed planes.
+    uv : (N, 2) float64
+        Points of the first image, px; windows are centred on the nearest pixel.
+    start : (N,) float64
+        Disparities ``u_first - u_second`` to start from, px.
+    windows : Windows
+        What to compare.
+
+    Returns
+    -------
+    Alignment
+    """
+    from ._patches import align_rows
+
+    xy = np.rint(uv).astype(np.int64)
+    found = np.empty((len(xy), 4))
+    in_halves(
+        lambda part: align_rows(first, second, xy[part], -start[part], windows.radius, windows.contrast, found[part]),
+        len(xy),
+    )
+    return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
+
+
+def vertical_offsets(
+    first: Plane, second: Plane, uv: FloatArray, disparity: FloatArray, windows: Windows
+) -> FloatArray:
+    """``v_second - v_first`` of matches, by alignment in both directions, px.
+
+    Measured on at most 128 of them, evenly chosen; those that do not converge within 3 rows are left out.
+    """
+    from ._patches import align_plane
+
+    rows = np.arange(0, len(uv), max(1, -(-len(uv) // _MOST_OFFSETS)))
+    xy = np.rint(uv[rows]).astype(np.int64)
+    start, found = -disparity[rows], np.zeros((len(rows), 3))
+    in_halves(
+        lambda part: align_plane(first, second, xy[part], start[part], windows.radius, windows.contrast, found[part]),
+        len(rows),
+    )
+    offsets: FloatArray = found[found[:, 2] == 1, 1]
+    return offsets

@@ -1,0 +1,220 @@
+"""Left-right matching: descriptors first, then a search of the row, then a fraction of a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._checks import check_ranges
+from ...types import Features, FloatArray, StereoPair
+from .._parallel import both
+from ..images import Plane, smooth_plane
+from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
+from .descriptor_matcher import check_limits, median_and_spread, survey_disparities
+from .matches import Matches as Matches
+from .matches import supported
+from .patches import Windows, refine, search, shift_rows, vertical_offsets
+
+Planes = tuple[Plane, Plane]
+_LEVEL = 0.05  # px of vertical offset that do no harm
+_NEAR = 3.0  # px that a guess of a disparity may be off
+_WINDOWS = Windows()
+_BACK_WINDOWS = Windows(radius=6, contrast=0.1)
+
+
+def level_rows(planes: Planes, offset: float) -> Planes:
+    """Planes whose rows agree: the right one moved by its vertical offset, px, unless that does no harm."""
+    return planes if abs(offset) < _LEVEL else (planes[0], shift_rows(planes[1], offset))
+
+
+def search_near(matcher: object) -> Callable[[Planes, FloatArray, FloatArray], FloatArray]:
+    """Return how disparities are searched near known ones: the matcher's own `near`, else a `RowMatcher`'s.
+
+    The latter keeps to the matcher's limits, if it has any.
+
+    Examples
+    --------
+    >>> search_near(DescriptorMatcher(max_disparity=64)).__self__.max_disparity
+    64
+    """
+    own: Callable[[Planes, FloatArray, FloatArray], FloatArray] | None = getattr(matcher, "near", None)
+    high, low = (getattr(matcher, name, None) for name in ("max_disparity", "min_disparity"))
+    return own or RowMatcher(max_disparity=high, min_disparity=low).near
+
+
+@dataclass(frozen=True)
+class RowMatcher:
+    """Matches along rows with sub-pixel disparities.
+
+    1. The range of disparities is surveyed with descriptors, within the limits given.
+    2. Descriptors are matched along rows (`DescriptorMatcher`).
+    3. The vertical offset of the pair is measured on these, and taken out if it is over 0.05 px.
+    4. Left keypoints without a partner search their row in the right image by correlation, with uniqueness and a
+       search back. Windows lean on the pixels that look like their centre.
+    5. Every match is aligned to a fraction of a pixel from left to right and from right to left; both must agree,
+       and their mean is the disparity.
+    6. A match that fewer than two of its neighbours support is dropped.
+
+    Parameters
+    ----------
+    max_disparity : float or None
+        Largest ``u_left - u_right``, px; None takes the limit from the pair.
+    min_disparity : float or None
+        Smallest one, px; None allows all with positive depth.
+    row_tolerance : float
+        Largest difference of rows of two keypoints, px per unit of the keypoint's scale.
+    max_hamming : int
+        Largest distance of two binary descriptors, bits in 256; longer ones in proportion.
+    max_l2 : float
+        Largest distance of two real descriptors, as a share of their length (norm).
+    ratio : float
+        A descriptor's distance must be less than this times that of the second nearest; at most 1.
+    windows : Windows
+        Size and weights of the windows compared from left to right.
+    back_windows : Windows
+        Those of the alignment from right to left; wider ones tell a match that only a depth edge holds.
+    min_correlation : float
+        Least correlation of an aligned match, below 1; a search may start from 0.1 less.
+    uniqueness : float
+        In the row search, ``1 - correlation`` must be less than this times that of the best rival.
+    max_disagreement : float
+        Largest difference of the disparities found from left to right and from right to left, px.
+    max_gain : float
+        Largest ratio of a window's contrast gain to the median one, either way; at least 1.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> RowMatcher(max_disparity=64).ratio
+    0.85
+    """
+
+    max_disparity: float | None = None
+    min_disparity: float | None = None
+    row_tolerance: float = 1.5
+    max_hamming: int = 64
+    max_l2: float = 0.7
+    ratio: float = 0.85
+    windows: Windows = _WINDOWS
+    back_windows: Windows = _BACK_WINDOWS
+    min_correlation: float = 0.9
+    uniqueness: float = 0.75
+    max_disagreement: float = 0.6
+    max_gain: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        ranges: dict[str, tuple[float, float]] = {"min_correlation": (0, 0.999), "uniqueness": (0, 1)}
+        check_ranges("matcher", self, ranges | {"max_disagreement": (0, 10), "max_gain": (1, 10)})
+        check_limits(self.min_disparity, self.max_disparity)
+        self._descriptors()
+
+    def __call__(self, left: Features, right: Features, pair: StereoPair) -> Matches:
+        """Match the keypoints of a pair.
+
+        Parameters
+        ----------
+        left, right : Features
+            Keypoints with descriptors of one kind.
+        pair : StereoPair
+            The images they come from.
+
+        Returns
+        -------
+        Matches
+            Sorted by left keypoint.
+
+        Raises
+        ------
+        InputError
+            If the descriptors differ in kind or length, or are neither uint8 nor float32.
+        GeometryError
+            If most disparities are behind the camera: the images look swapped.
+        """
+        (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
+        partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
+        partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
+        planes = both(smooth_plane, (pair.left, pair.right))
+        planes, offset = self._level(planes, left.uv[i], guess[i])
+        start = self._search(planes, left, partner, guess, (low, high))
+        disparity, score = self._refine(planes, left.uv, start)
+        kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
+        kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
+        rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows))
+        return Matches(kept, partner[kept], disparity[kept], score[kept], offset + rest, spread)
+
+    def _descriptors(self) -> DescriptorMatcher:
+        limits = self.max_disparity, self.min_disparity
+        return DescriptorMatcher(*limits, self.row_tolerance, self.max_hamming, self.max_l2, self.ratio)
+
+    def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
+        """Planes whose rows agree, and by how much the right one was moved, px."""
+        offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.windows))
+        return level_rows(planes, offset), offset if abs(offset) >= _LEVEL else 0.0
+
+    def _search(
+        self,
+        planes: Planes,
+        left: Features,
+        partner: NDArray[np.int64],
+        guess: FloatArray,
+        limits: tuple[float, float],
+    ) -> FloatArray:
+        """Disparity in whole px of each left keypoint, NaN where none is clear."""
+        matched = partner >= 0
+        about = 1.5 * left.scale + 1  # how far an octave's keypoints may be off
+        ranges = np.where(matched, [guess - about, guess + about], np.reshape(limits, (2, 1)))
+        disparity, score, rival = search(*planes, left.uv, ranges, self.windows)
+        clear = (score >= self.min_correlation - 0.1) & (matched | (1 - score <= self.uniqueness * (1 - rival)))
+        lone = np.flatnonzero(clear & ~matched)
+        uv_right = left.uv[lone] - np.column_stack([disparity[lone], np.zeros(len(lone))])
+        back = -search(planes[1], planes[0], uv_right, -ranges[::-1, lone], self.windows)[0]
+        clear[lone] = np.abs(back - disparity[lone]) <= 1
+        return np.where(clear, disparity, np.nan)
+
+    def near(self, planes: Planes, uv: FloatArray, guess: FloatArray) -> FloatArray:
+        """Disparities of points whose disparities are known to a few px.
+
+        Parameters
+        ----------
+        planes : (left, right), each (H, W) float32
+            Smoothed planes (`smooth_plane`) whose rows agree.
+        uv : (N, 2) float64
+            Points of the left image, px.
+        guess : (N,) float64
+            Their disparities, px.
+
+        Returns
+        -------
+        (N,) float64
+            px, measured in both directions; NaN where they do not agree or leave the matcher's limits.
+        """
+        start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.windows)
+        found = self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
+        low = -np.inf if self.min_disparity is None else self.min_disparity
+        high = np.inf if self.max_disparity is None else self.max_disparity
+        return np.where((found >= low) & (found <= high), found, np.nan)
+
+    def _refine(self, planes: Planes, uv: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
+        disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
+        rows = np.flatnonzero(np.isfinite(start))
+        forth = refine(*planes, uv[rows], start[rows], self.windows)
+        rows, forth = rows[forth.good], forth.where(forth.good)
+        uv_right = uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
+        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_windows)
+        agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
+        alike = forth.score >= self.min_correlation
+        gain = np.abs(np.log(forth.gain / np.median(forth.gain))) if len(rows) else forth.gain
+        even = gain <= np.log(self.max_gain)
+        good = agree & alike & even
+        disparity[rows[good]] = ((forth.disparity - back.disparity) / 2)[good]
+        score[rows[good]] = forth.score[good]
+        return disparity, score

@@ -1,0 +1,96 @@
+"""What a run refuses before it starts, and what a session does beside it."""
+
+import dataclasses
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from tspslam import GeometryError, InputError, Rig, Session, Settings, StereoPair
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import OnePair, run
+from tspslam.run.record import pair_hash
+from tspslam.run.sequence import _input_hash
+from tspslam.topology.surface import DelaunaySurface
+
+from ..sequences import DETECTOR, corridor
+
+RIG = Rig(fx=50, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)
+PAIR = StereoPair(np.zeros((10, 20), np.uint8), np.zeros((10, 20), np.uint8), RIG)
+
+
+def test_no_frames_are_no_run(tmp_path):
+    with pytest.raises(InputError, match=r"range\(0, 0\) select none of 1 pairs"):
+        run(OnePair(PAIR), tmp_path / "out", resolve(), frames=range(0))
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_pair_is_a_sequence_of_one():
+    assert [pair.name for pair in OnePair(PAIR)] == ["pair"]
+    assert OnePair(PAIR)[-1] is PAIR
+
+
+def test_files_that_stages_read_are_part_of_the_input():
+    class Detector:
+        fingerprint = "of a file"
+
+    plain, printed = Session(RIG), Session(RIG, Settings(detector=Detector()))
+    assert _input_hash(PAIR, plain) == pair_hash(PAIR) != _input_hash(PAIR, printed)
+
+
+def test_a_pair_of_another_rig_is_refused():
+    with pytest.raises(InputError, match=r"its rig is .*fx=50.* expected the session's .*fx=60"):
+        Session(Rig(fx=60, fy=50, cx=10, cy=5, baseline=0.1, width=20, height=10)).process(PAIR)
+
+
+def test_a_keyframe_is_completed_once_whoever_asks():
+    sequence = corridor(2.0)
+    asked, began = [], threading.Event()
+
+    def surface(cloud):
+        began.set()
+        asked.append(threading.current_thread())
+        return DelaunaySurface()(cloud)
+
+    session = Session(sequence.rig, Settings(detector=DETECTOR, surface=surface))
+    frame = session.process(sequence[0])
+    assert began.wait(10)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: frame.response, range(8)))
+    assert all(one is found[0] for one in found)
+    assert [thread is threading.current_thread() for thread in asked] == [False]
+    assert {"points", "surface", "complex", "signals", "response"} <= set(frame.seconds)
+
+
+@pytest.mark.parametrize("error", [GeometryError, ZeroDivisionError])
+def test_what_a_keyframe_cannot_show_is_said_when_it_is_asked_for(error):
+    sequence = corridor(4.0)
+
+    def surface(_):
+        raise error("surface: nothing to join")
+
+    session = Session(sequence.rig, Settings(detector=DETECTOR, surface=surface))
+    frame = session.process(sequence[0])
+    assert frame.is_keyframe
+    for _ in range(2):
+        with pytest.raises(error, match="nothing to join"):
+            _ = frame.response
+    rest = [session.process(sequence[k]) for k in range(1, len(sequence))]
+    assert any(one.is_keyframe for one in rest)
+    assert not any(one.tracked.is_lost for one in rest)
+
+
+def test_the_last_of_several_errors_is_told(tmp_path):
+    sequence = corridor(2.0)
+    dark = [dataclasses.replace(sequence[k], left=0 * sequence[k].left) for k in range(3)]
+    with pytest.raises(InputError, match=r"none of 3 pairs can be used; the last: .*000002"):
+        run(Pairs(sequence.rig, dark), tmp_path / "out", resolve())
+
+
+class Pairs(list):
+    name = "pairs"
+
+    def __init__(self, rig, pairs):
+        super().__init__(pairs)
+        self.rig = rig

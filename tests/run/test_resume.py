@@ -1,0 +1,206 @@
+"""Killed at any moment, the same command goes on and ends with the same bytes."""
+
+import contextlib
+import errno
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+from tspslam import evaluate_trajectory
+from tspslam.datasets import open_sequence
+from tspslam.errors import InputError, OutputError
+from tspslam.io import RunFolder, read_trajectory
+from tspslam.run.config import resolve
+from tspslam.run.pipeline import run
+from tspslam.run.sequence import STATE_NAME
+from tspslam.types import Trajectory
+from tspslam.view import _style
+
+from ..sequences import SETTINGS, SMALL_RIG, corridor, write_sequence
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+KILLS = 20
+LENGTH = 16.0  # m, two frames each: over the 25 frames between checkpoints
+
+# Imports and compiles once, then forks a run for each line that it is given: a start of a run costs no seconds.
+SERVER = textwrap.dedent("""
+    import os, sys
+    from pathlib import Path
+    from tspslam.config import resolve
+    from tspslam.datasets import open_sequence
+    from tspslam.pipeline import run
+    import cv2, matplotlib.figure, tspslam.view.report, tspslam.view.pictures, tspslam.view.paths
+    cv2.setNumThreads(1)
+    tspslam.view._style.DPI = float(os.environ["DPI"])
+    source, out = Path(sys.argv[1]), Path(sys.argv[2])
+    for line in sys.stdin:
+        child = os.fork()
+        if not child:
+            run(open_sequence(source), out, resolve(assignments=sys.argv[3:]))
+            os._exit(0)
+        print(child, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+""")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_sequence(tmp_path_factory.mktemp("sequence") / "walk", corridor(LENGTH, SMALL_RIG))
+
+
+@pytest.fixture(scope="module")
+def whole(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole") / "run"
+    run(open_sequence(folder), out, resolve(assignments=SETTINGS))
+    return out
+
+
+def content(folder):
+    names = (p for p in folder.rglob("*") if p.is_file() and p.name not in ("timings.json", "manifest.jsonl"))
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in names}
+
+
+def test_the_path_is_the_true_one(whole):
+    path, truth = read_trajectory(whole / "trajectory.tum"), corridor(LENGTH, SMALL_RIG)
+    errors = evaluate_trajectory(path, Trajectory(np.arange(float(len(truth))), truth.truth))
+    assert errors.matched == len(truth)
+    assert errors.ate_rmse_m < 0.003 * LENGTH
+
+
+def test_two_runs_give_the_same_bytes(folder, whole, tmp_path):
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole)
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run").rglob("*") if p.name != "timings.json"}
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))  # nothing is left to do
+    kept = {p: p.stat().st_mtime_ns for p in before if p.is_file() and p.name != "manifest.jsonl"}
+    assert kept == {p: before[p] for p in kept}
+
+
+def test_killed_at_twenty_moments_it_ends_with_the_same_bytes(folder, whole, tmp_path):
+    """A run that ends before its kill was too fast for it: the next ones are given less time."""
+    rng, out, expected, ends = random.Random(7), tmp_path / "run", content(whole), []
+    command = [sys.executable, "-c", SERVER, str(folder), str(out), *SETTINGS]
+    given = os.environ | {"DPI": str(_style.DPI)}
+    with subprocess.Popen(command, stdin=-1, stdout=-1, text=True, bufsize=1, env=given) as server:
+
+        def attempt(patience):
+            server.stdin.write("go\n")
+            child = int(server.stdout.readline())
+            if patience:
+                time.sleep(patience)
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(child, signal.SIGKILL)
+            return int(server.stdout.readline())
+
+        started = time.perf_counter()
+        assert attempt(None) == 0
+        seconds = 0.5 * (time.perf_counter() - started)
+        shutil.rmtree(out)
+        while ends.count(-signal.SIGKILL) < KILLS and len(ends) < 3 * KILLS:
+            ends.append(attempt(rng.uniform(0, seconds)))
+            if ends[-1] == 0:
+                assert content(out) == expected
+                shutil.rmtree(out)
+                seconds *= 0.8
+        assert attempt(None) == 0
+        server.stdin.close()
+    assert ends.count(-signal.SIGKILL) == KILLS
+    assert content(out) == expected
+
+
+def test_a_checkpoint_of_other_images_does_not_count(folder, whole, tmp_path):
+    shutil.copytree(folder, tmp_path / "walk")
+    first = tmp_path / "walk/left/003.png"
+    shutil.copytree(whole, tmp_path / "run")
+    first.write_bytes((tmp_path / "walk/left/004.png").read_bytes())
+    run(open_sequence(tmp_path / "walk"), tmp_path / "run", resolve(assignments=SETTINGS))
+    run(open_sequence(tmp_path / "walk"), tmp_path / "fresh", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(tmp_path / "fresh") != content(whole)
+
+
+def test_a_damaged_checkpoint_does_not_count(folder, whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "run")
+    (tmp_path / "run" / STATE_NAME).write_bytes(b"no state")
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole)
+
+
+def no_rows(state):
+    del state["rows"]
+
+
+def not_a_number(state):
+    state["poses"] = state["poses"] * np.nan
+
+
+def too_few_landmarks(state):
+    state["xyz"] = state["xyz"][:10]
+
+
+def too_few_rows(state):
+    state["rows"] = np.frombuffer(b"[]", np.uint8)
+
+
+@pytest.mark.parametrize("change", [no_rows, not_a_number, too_few_landmarks, too_few_rows, None])
+def test_a_checkpoint_that_was_changed_with_its_hash_does_not_count(folder, whole, tmp_path, change):
+    shutil.copytree(whole, tmp_path / "run")
+    config = resolve(assignments=SETTINGS)
+    path = tmp_path / "run" / STATE_NAME
+    if change is None:
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        state = dict(np.load(path))
+        change(state)
+        np.savez(path, **state)
+    with RunFolder.create(tmp_path / "run", config.nested | {"source": {"name": "walk", "frames": None}}) as held:
+        held.record(path, input_hash=held.units[STATE_NAME].input)
+    run(open_sequence(folder), tmp_path / "run", config)
+    assert content(tmp_path / "run") == content(whole)
+
+
+def test_numbers_of_a_frame_that_are_gone_come_back(folder, whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "run")
+    gone, *_ = sorted((tmp_path / "run/frames").glob("*.json"))
+    gone.unlink()
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole)
+
+
+def test_a_checkpoint_of_another_version_does_not_count(folder, whole, tmp_path, monkeypatch):
+    shutil.copytree(whole, tmp_path / "run")
+    monkeypatch.setattr("tspslam.run.sequence._MADE_BY", b"another")
+    seen = []
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS), progress=lambda *a: seen.append(a))
+    assert len(seen) == len(open_sequence(folder))
+
+
+def test_a_second_run_in_the_same_folder_is_refused(folder, tmp_path):
+    config = resolve(assignments=SETTINGS)
+    settings = config.nested | {"source": {"name": "walk", "frames": None}}
+    with RunFolder.create(tmp_path / "run", settings), pytest.raises(InputError, match="run"):
+        run(open_sequence(folder), tmp_path / "run", config)
+
+
+def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(folder, whole, tmp_path, monkeypatch):
+    sync, left = os.fsync, [15]
+
+    def narrow(handle):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", narrow)
+    with pytest.raises(OutputError, match="No space left"):
+        run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    monkeypatch.undo()
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole)

@@ -1,0 +1,309 @@
+"""A camera that comes back: old landmarks are seen again, the map is closed, and it stops growing."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam import InputError, Trajectory, evaluate_trajectory
+from tspslam.vision.images import pyramid
+from tspslam.vision.se3 import inverse
+from tspslam.vision.slam import map as mapping
+from tspslam.vision.slam.loop_closing import MOST_DRIFT, joined, places_near, seen_again
+from tspslam.vision.slam.odometry import Odometry
+from tspslam.vision.slam.relocalization import binary_words, recognised
+from tspslam.vision.slam.tracking import Fix
+
+from ...sequences import DETECTOR, RIG, corridor
+
+THERE = 40  # frames; 0.5 m each
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Pairs and true poses of a walk down a corridor."""
+    sequence = corridor(THERE * 0.5)
+    return [replace(sequence[k], stamp=float(k), index=k) for k in range(THERE)], sequence.truth[:THERE]
+
+
+@pytest.fixture(scope="module")
+def state(walk):
+    odometry = went(walk[0])
+    odometry._join()
+    return odometry.state()
+
+
+@pytest.fixture
+def there(walk, state):
+    """An odometry that walked there."""
+    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry.restore({name: values.copy() for name, values in state.items()}, lambda number: walk[0][number].left)
+    return odometry
+
+
+def to_and_fro(walk, passes):
+    """The walk there, back, there, ...: pairs and true poses."""
+    legs = (range(THERE) if k % 2 == 0 else range(THERE - 1, -1, -1) for k in range(passes))
+    order = list(itertools.chain(*legs))
+    return [replace(walk[0][k], stamp=float(n), index=n) for n, k in enumerate(order)], walk[1][order]
+
+
+def went(pairs):
+    odometry = Odometry(RIG, detector=DETECTOR)
+    for pair in pairs:
+        odometry.process(pair)
+    return odometry
+
+
+def off(odometry, truth):
+    T = odometry.trajectory
+    return evaluate_trajectory(T, Trajectory(T.stamp, truth[: len(T.stamp)])).ate_rmse_m
+
+
+def size(odometry):
+    frames = odometry.map.keyframes
+    return np.array([len(odometry.map.xyz), len(frames), sum(len(frame.landmark) for frame in frames)])
+
+
+def test_a_map_of_one_place_stops_growing(walk):
+    """A map that grew would be three times as large.
+
+    With thresholds nudged by 2 %, keypoints by 1e-6 px, other noise, and other registers of the processor, the largest
+    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and sights), and the path's error 3 to 7 mm.
+    """
+    pairs, truth = to_and_fro(walk, 6)
+    odometry, sizes = Odometry(RIG, detector=DETECTOR), []
+    for k, pair in enumerate(pairs, 1):
+        odometry.process(pair)
+        if k % (2 * THERE) == 0:
+            sizes.append(size(odometry))
+    assert (np.max(sizes, axis=0) <= 2 * sizes[0]).all(), sizes
+    odometry.finish()
+    assert off(odometry, truth) < 0.02
+
+
+def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk, monkeypatch):
+    pairs, _ = to_and_fro(walk, 4)
+    odometry = Odometry(RIG, detector=DETECTOR)
+    before, gone = None, 0
+    thin = odometry.map._thin
+
+    def watched():
+        nonlocal gone
+        thin()
+        gone += len(odometry.map.dropped)
+
+    odometry.map._thin = watched
+    for pair in pairs:
+        odometry.process(pair)
+        assert all(len(np.unique(frame.landmark)) == len(frame.landmark) for frame in odometry.map.keyframes)
+        assert not odometry.map.dropped
+    assert gone > 0
+    odometry.finish()
+    before = odometry.trajectory.T_world_camera
+    odometry.map.keyframes[1:-7] = [replace(frame) for frame in odometry.map.keyframes[1:-7]]
+    while not odometry.map.dropped:  # fewer and fewer are needed
+        monkeypatch.setattr(mapping, "_SEEN_ENOUGH", mapping._SEEN_ENOUGH - 1)
+        thin()
+    odometry._hand_over()
+    np.testing.assert_allclose(odometry.trajectory.T_world_camera, before, atol=1e-9)
+
+
+@pytest.fixture
+def bent(walk, there):
+    """An odometry that walked there, whose map was then bent as by a drift of 6 cm and a quarter of a degree."""
+    pairs, truth = to_and_fro(walk, 2)
+    odometry, T = there, np.eye(4)
+    T[:3, 3] = 0.05, 0.0, 0.03
+    c, s = np.cos(0.004), np.sin(0.004)
+    T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    before = odometry._last_pose()
+    odometry.map.bend(0, T, odometry._pose)
+    odometry.map.is_bent = False
+    odometry._follow_map(before)
+    return odometry, pairs, truth
+
+
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
+    """The camera comes back to within 2.2 to 3.1 mm of where it began, or 14 to 27 mm if no place is known again.
+
+    Measured as for the map that stops growing; the drift that was put in is 58 mm at the far end.
+    """
+    odometry, pairs, truth = bent
+    if not is_closed:
+        monkeypatch.setattr("tspslam.vision.slam.odometry.seen_again", lambda *_: None)
+    for pair in pairs[THERE:]:
+        odometry.process(pair)
+    odometry.finish()
+    left = float(np.linalg.norm((odometry.trajectory.T_world_camera - truth)[-1, :3, 3]))
+    assert (odometry.loops > 0) is is_closed
+    assert (left < 0.007) is is_closed
+
+
+def test_bending_moves_what_came_since_and_nothing_before(there):
+    odometry = there
+    world, T = odometry.map, np.eye(4)
+    T[:3, 3] = 0.1, 0, 0
+    before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
+    world.bend(2, T, odometry._pose)
+    moved = np.array([(frame.T_world_camera - T0)[0, 3] for frame, T0 in zip(world.keyframes, before, strict=True)])
+    assert (moved[:3] == 0).all()
+    assert (np.diff(moved[2:]) > 0).all()
+    assert moved[-1] <= 0.1 + 1e-12
+    old = np.unique(np.concatenate([frame.landmark for frame in world.keyframes[:3]]))
+    assert np.array_equal(world.xyz[old], xyz[old])
+    last = np.setdiff1d(world.keyframes[-1].landmark, np.concatenate([f.landmark for f in world.keyframes[:-1]]))
+    np.testing.assert_allclose(world.xyz[last] - xyz[last], [[moved[-1], 0, 0]] * len(last), atol=1e-12)
+
+
+def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):
+    world, image = there.map, pyramid(walk[0][3].left)
+    features = DETECTOR(walk[0][3].left)
+    T = walk[1][3].copy()
+    T[0, 3] += 0.05
+    fix = Fix(T, world.keyframes[-1].landmark, world.keyframes[-1].uv, world.keyframes[-1].disparity, np.eye(6))
+    found = seen_again(world, image, fix, features.uv, binary_words(features.descriptor))
+    assert found is not None
+    assert np.linalg.norm((found.fix.T_world_camera - walk[1][3])[:3, 3]) < 0.01
+    assert found.drift > MOST_DRIFT
+    assert len(found.fix) >= 30
+
+
+def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(there):
+    world = there.map
+    frame = world.keyframes[0]
+    here = Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
+    none = np.zeros(len(world.xyz), np.bool_)
+    assert places_near(world, here, none)[0][0] == 0
+    assert 0 not in dict(places_near(world, here, ~none))
+    turned = here.T_world_camera @ np.diag([-1.0, 1, -1, 1])
+    assert places_near(world, replace(here, T_world_camera=turned), none) == []
+    beyond = here.T_world_camera.copy()
+    beyond[2, 3] -= 50
+    assert places_near(world, replace(here, T_world_camera=beyond), none) == []
+
+
+def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
+    """Such as the same poster on another wall."""
+    odometry = there
+    image, features = pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
+    words, frame, T = binary_words(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
+    for shift, is_found in ((0.05, True), (1.5, False)):
+        T[0, 3] = shift
+        fix = Fix(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
+        assert (seen_again(odometry.map, image, fix, features.uv, words) is not None) is is_found
+
+
+def test_a_camera_that_only_turned_is_bent_too(walk):
+    odometry = went(walk[0][:12])
+    odometry._join()
+    world, T = odometry.map, np.eye(4)
+    for k in range(len(world.keyframes)):
+        world._change(k, T_world_camera=np.eye(4))
+    T[:3, 3] = 0.1, 0, 0
+    world.bend(0, T, np.eye(4))
+    moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])
+    np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
+
+
+def test_landmarks_in_one_place_become_one(there):
+    world = there.map
+    frame = world.keyframes[-1]
+    n = len(frame.landmark)
+    twin = np.arange(len(world.xyz), len(world.xyz) + n)
+    again = Fix(frame.T_world_camera, twin, frame.uv + 0.2, frame.disparity, np.eye(6))
+    world.xyz, world.words = np.concatenate([world.xyz, world.xyz[frame.landmark]]), np.tile(world.words, (2, 1))
+    fix = joined(world, again, Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6)))
+    known = np.isfinite(frame.disparity)
+    assert np.isin(twin[known], world.keyframes[-1].landmark).all()
+    assert not np.isin(frame.landmark[known], world.keyframes[-1].landmark).any()
+    assert len(np.unique(fix.landmark)) == len(fix.landmark)
+
+
+def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
+    pairs, truth = walk
+    blind = [replace(pairs[0], left=0 * pairs[0].left, right=0 * pairs[0].right) for _ in range(2)]
+    order = [*pairs[:30], *blind, *pairs[4:12]]
+    odometry = Odometry(RIG, detector=DETECTOR)
+    tracked = [odometry.process(replace(pair, stamp=float(n))) for n, pair in enumerate(order)]
+    assert [n for n, one in enumerate(tracked) if one.is_lost] == [30, 31]
+    assert tracked[32].is_keyframe
+    for k, one in enumerate(tracked[32:]):
+        np.testing.assert_allclose(one.T_world_camera[:3, 3], truth[4 + k][:3, 3], atol=0.03)
+
+
+def test_two_parts_of_a_map_are_joined_when_the_camera_comes_back(walk, monkeypatch):
+    pairs, truth = walk
+    order = [*range(26), *range(5, 16)]
+    monkeypatch.setattr("tspslam.vision.slam.odometry.recognised", lambda *_: None)
+    odometry = Odometry(RIG, detector=DETECTOR)
+    tracked = [odometry.process(replace(pairs[k], stamp=float(n))) for n, k in enumerate(order)]
+    assert [n for n, one in enumerate(tracked) if one.is_lost] == [26, 27, 28]
+    assert tracked[28].is_keyframe
+    assert odometry.loops == 1
+    assert not any(frame.is_start for frame in odometry.map.keyframes)
+    odometry.finish()
+    off = (odometry.trajectory.T_world_camera - truth[order])[:, :3, 3]
+    assert np.linalg.norm(off[:26], axis=1).max() < 0.05
+    assert np.linalg.norm(off[28:], axis=1).max() < 0.05
+    assert np.linalg.norm(off[26:28], axis=1).max() > 5  # guesses
+
+
+def test_nobody_is_recognised_where_nobody_was(walk):
+    odometry = went(walk[0][:12])
+    odometry._join()
+    noise = np.random.default_rng(0).integers(0, 255, walk[0][0].left.shape[:2]).astype(np.uint8)
+    features = DETECTOR(noise)
+    words = binary_words(features.descriptor)
+    assert recognised(odometry.map, pyramid(noise), features.uv, words) is None
+
+
+def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
+    monkeypatch.setattr(mapping, "_MOST_IMAGES", 1)
+    odometry = went(to_and_fro(walk, 2)[0])
+    held = [frame.grey is not None for frame in odometry.map.keyframes]
+    assert len(held) > 14 >= sum(held)
+    assert all(held[-7:])
+
+
+@pytest.mark.parametrize("stop", [2 * THERE - 7, 2 * THERE + 15])
+def test_going_on_from_a_state_gives_the_same_bytes(bent, stop):
+    """Also where a loop is just being closed."""
+    odometry, pairs, _ = bent
+    pairs = pairs + [replace(pair, stamp=pair.stamp + 2 * THERE) for pair in pairs]
+    for pair in pairs[THERE:stop]:
+        odometry.process(pair)
+    other = Odometry(RIG, detector=DETECTOR)
+    other.restore(odometry.state(), lambda number: pairs[number].left)
+    for one in (odometry, other):
+        for pair in pairs[stop : stop + 20]:
+            one.process(pair)
+        one.finish()
+    assert np.array_equal(odometry.trajectory.T_world_camera, other.trajectory.T_world_camera)
+    assert np.array_equal(odometry.map.xyz, other.map.xyz)
+
+
+def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
+    odometry, pairs, _ = bent
+    for pair in pairs[THERE:]:
+        odometry.process(pair)
+        if odometry.map.is_bent and odometry._asked is not None:
+            break
+    else:
+        pytest.fail("no loop was closed")
+    other = Odometry(RIG, detector=DETECTOR)
+    other.restore(odometry.state(), lambda number: pairs[number].left)
+    for one in (odometry, other):
+        one.finish()
+    assert np.array_equal(odometry.trajectory.T_world_camera, other.trajectory.T_world_camera)
+    assert inverse(odometry.trajectory.T_world_camera[0])[0, 0] == pytest.approx(1, abs=1e-6)
+
+
+def test_a_state_whose_frames_hang_on_no_keyframe_is_refused(walk):
+    odometry = went(walk[0][:5])
+    state = odometry.state()
+    state["anchors"] = state["anchors"] + 100
+    with pytest.raises(InputError, match="the state does not hold together"):
+        Odometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)

@@ -1,0 +1,107 @@
+"""One camera's pose from known points: what bundle adjustment finds, found with less work."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tspslam import GeometryError
+from tspslam.vision.se3 import inverse
+from tspslam.vision.slam import _least_squares
+from tspslam.vision.slam._least_squares import pose_equations
+from tspslam.vision.slam.bundle import Observations, adjust
+from tspslam.vision.slam.pose import fit_pose, lens_of
+
+from .test_bundle import RIG, seen_by, world
+
+SIGMA = 0.8, 0.4
+
+
+def sights(points=60, noise=0.5, seed=0, wild=0):
+    T, xyz = world(poses=2, points=points, seed=seed)
+    seen = seen_by(T[1:], xyz, noise, seed, bearings=0.3)
+    seen.uv[:wild] += 60
+    return T[1], xyz, np.column_stack([seen.uv, seen.disparity])
+
+
+def as_observations(seen):
+    rows, ones = np.arange(len(seen)), np.ones(len(seen))
+    return Observations(0 * rows, rows, seen[:, :2], seen[:, 2], SIGMA[0] * ones, SIGMA[1] * ones)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("wild", [0, 15])
+def test_it_is_the_pose_of_bundle_adjustment(seed, wild):
+    T, xyz, seen = sights(seed=seed, wild=wild)
+    start = T.copy()
+    start[:3, 3] += 0.2
+    start[:3, :3] = start[:3, :3] @ Rotation.from_rotvec([0.02, -0.05, 0.03]).as_matrix()
+    ours = fit_pose(RIG, start, xyz, seen, SIGMA)
+    other = adjust(RIG, start[None], xyz, as_observations(seen), move_points=False, most_steps=10)
+    np.testing.assert_allclose(ours.T_world_camera, other.T_world_camera[0], atol=1e-9)
+    np.testing.assert_allclose(ours.distance, other.distance, rtol=1e-6, atol=1e-7)
+
+
+def test_exact_sights_give_the_exact_pose():
+    T, xyz, seen = sights(noise=0.0)
+    found = fit_pose(RIG, np.eye(4), xyz, seen, SIGMA)
+    np.testing.assert_allclose(found.T_world_camera, T, atol=1e-8)
+
+
+def test_its_equations_are_the_derivatives_of_the_cost():
+    T, xyz, seen = sights(noise=0.5)
+    T = inverse(T)
+
+    def cost(step):
+        S, b = np.empty((6, 6)), np.empty(6)
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        R, t = turn @ T[:3, :3], turn @ T[:3, 3] + step[3:]
+        return pose_equations(lens_of(RIG), R, t, xyz, seen, np.array(SIGMA) ** -2.0, 1e9, S, b), S, b
+
+    _, S, b = cost(np.zeros(6))
+    steps = 1e-5 * np.eye(6)
+    slope = [(cost(h)[0] - cost(-h)[0]) / 2e-5 for h in steps]
+    np.testing.assert_allclose(slope, -2 * b, rtol=1e-4, atol=1e-2 * np.abs(b).max())
+    bend = np.column_stack([(cost(-h)[2] - cost(h)[2]) / 2e-5 for h in steps])
+    assert np.abs(bend - S).max() < 0.01 * np.abs(S).max()
+
+
+def test_its_covariance_is_the_spread_of_repeated_fits():
+    T, xyz, _ = sights()
+    clean = seen_by(T[None], xyz)
+    rng, found = np.random.default_rng(0), []
+    for _ in range(300):
+        noisy = np.column_stack([clean.uv + rng.normal(0, 0.8, clean.uv.shape), clean.disparity])
+        noisy[:, 2] += rng.normal(0, 0.4, len(noisy))
+        found.append(fit_pose(RIG, T, xyz, noisy, SIGMA, huber=1e9))
+    off = np.array([(inverse(fit.T_world_camera) @ T)[:3, 3] for fit in found])
+    said = np.sqrt(np.diag(np.linalg.inv(found[0].information))[3:])
+    np.testing.assert_allclose(off.std(axis=0), said, rtol=0.15)
+
+
+def test_points_behind_are_infinitely_far_off():
+    T, xyz, seen = sights()
+    xyz[3] = T[:3, 3] - 2 * T[:3, 2]
+    found = fit_pose(RIG, T, xyz, seen, SIGMA)
+    assert np.isinf(found.distance[3])
+    assert np.isfinite(np.delete(found.distance, 3)).all()
+    np.testing.assert_allclose(found.T_world_camera[:3, 3], T[:3, 3], atol=0.05)
+
+
+def test_points_that_are_nowhere_fix_no_pose():
+    T, xyz, seen = sights()
+    with pytest.raises(GeometryError, match="the equations have no solution, expected points that fix a camera"):
+        fit_pose(RIG, T, np.full_like(xyz, np.nan), np.nan * seen, SIGMA)
+
+
+def test_it_asks_nothing_of_bundle_adjustment_and_stops_where_it_has_settled(monkeypatch):
+    """Each step is one pass over the sights: more steps allowed are none taken."""
+
+    monkeypatch.setattr(_least_squares, "reduce", None)
+    passes, equations = [], _least_squares.pose_equations.py_func
+    monkeypatch.setattr(_least_squares, "pose_equations", lambda *given: (passes.append(1), equations(*given))[1])
+    _, xyz, seen = sights(points=60)
+    T = np.eye(4)
+    R, t, information, distance = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(len(xyz))
+    weights = np.array(SIGMA) ** -2.0
+    assert _least_squares.improve_pose.py_func(lens_of(RIG), R, t, xyz, seen, weights, 2.5, 100, information, distance)
+    assert 2 <= len(passes) <= 12
