@@ -23,14 +23,14 @@ RIVALS = {  # how held poses are held, and the elimination
 def window_figures(hold: str, solver: str, seed: int = 0, rounds: int = 5) -> Figures:
     """Time of `adjust` and of GTSAM from the same arrays; theirs with and without the making of the graph."""
     problem = oracle.window(seed)
-    search = partial(oracle.solved, solver=solver, enough=ENOUGH, most_steps=STEPS)
+    search = partial(oracle.solved, solver=solver, enough=ENOUGH, max_steps=STEPS)
     made = lambda: (oracle.graph_of(problem, hold=hold), oracle.start_of(problem))  # noqa: E731
     ready = made()
-    ours, whole, ratio = paired(lambda: oracle.adjusted(problem, most_steps=STEPS), lambda: search(*made()), rounds)
+    ours, whole, ratio = paired(lambda: oracle.adjusted(problem, max_steps=STEPS), lambda: search(*made()), rounds)
     _, search_only, search_ratio = paired(
-        lambda: oracle.adjusted(problem, most_steps=STEPS), lambda: search(*ready), rounds
+        lambda: oracle.adjusted(problem, max_steps=STEPS), lambda: search(*ready), rounds
     )
-    found, (values, steps) = oracle.adjusted(problem, most_steps=STEPS), search(*ready)
+    found, (values, steps) = oracle.adjusted(problem, max_steps=STEPS), search(*ready)
     return {
         "points": len(problem.xyz), "sights": len(problem.seen.pose),
         "ms": 1e3 * ours, "gtsam_ms": 1e3 * whole, "gtsam_search_ms": 1e3 * search_only,

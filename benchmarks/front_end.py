@@ -18,7 +18,7 @@ from tspslam.topology.surface import DelaunaySurface
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.features.sift_brisk import BriskDetector, SiftDetector
 from tspslam.vision.images import grey_levels, smooth_plane
-from tspslam.vision.stereo.patches import Windows, search
+from tspslam.vision.stereo.patches import Patches, search
 from tspslam.vision.stereo.reconstruct import reconstruct_with_quality
 from tspslam.vision.stereo.sgbm import SgbmMatcher
 
@@ -93,7 +93,7 @@ def _back_search(pair: StereoPair, cloud: tspslam.Cloud) -> float:
     planes = smooth_plane(pair.right), smooth_plane(pair.left)
     uv = cloud.uv - np.column_stack([cloud.disparity, np.zeros(len(cloud))])
     low, high = cloud.disparity.min() - 5, cloud.disparity.max() + 5
-    found = -search(*planes, uv, np.tile([[-high], [-low]], len(cloud)), Windows())[0]
+    found = -search(*planes, uv, np.tile([[-high], [-low]], len(cloud)), Patches())[0]
     return float((np.abs(found - cloud.disparity) <= 1).mean())
 
 

@@ -51,7 +51,7 @@ def _pose() -> float:
     other = as_observations(seen)
     ours = median_seconds(lambda: fit_pose(RIG, np.eye(4), xyz, seen, SIGMA), 9)
     return ours / median_seconds(
-        lambda: adjust(RIG, np.eye(4)[None], xyz, other, move_points=False, most_steps=10), 9
+        lambda: adjust(RIG, np.eye(4)[None], xyz, other, move_points=False, max_steps=10), 9
     )  # fmt: skip
 
 

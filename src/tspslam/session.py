@@ -20,7 +20,7 @@ from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair,
 from .vision.features.orb import OrbDetector
 from .vision.rig import require_baseline
 from .vision.slam.odometry import Odometry, Tracked, Tracking
-from .vision.stereo.reconstruct import Detector, Matcher, Stereo, StereoQuality, see
+from .vision.stereo.reconstruct import Detector, Matcher, Stereo, StereoQuality, match_stereo
 from .vision.stereo.row_matcher import RowMatcher
 
 T = TypeVar("T")
@@ -124,7 +124,7 @@ class Frame:
     def stereo(self) -> Stereo:
         """What both images show: keypoints, points, quality."""
         return self.tracked.stereo or self._timed(
-            "points", lambda: see(self.pair, self.settings.detector, self.settings.matcher)
+            "points", lambda: match_stereo(self.pair, self.settings.detector, self.settings.matcher)
         )
 
     @property

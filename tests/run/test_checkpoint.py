@@ -58,7 +58,7 @@ def whole(walk, tmp_path_factory):
 
 @pytest.fixture
 def changed(walk, whole, tmp_path, caplog):
-    """Rows that a run takes over from a folder where a file was changed and its hash made to match, and the words."""
+    """Rows that a run takes over from a folder where a file was changed and its hash made to match, and the descriptors."""
 
     def resumed(change, name=STATE_NAME):
         out = tmp_path / "run"
@@ -133,12 +133,12 @@ ARRAYS = {
     "a landmark before the first": put("landmark", 0, -1),
     "a landmark beyond the last": put("landmark", 0, 1 << 40),
     "a landmark seen twice": lambda state: state["landmark"].__setitem__(0, state["landmark"][1]),
-    "negative sights": put("keyframe_sights", 0, -1),
-    "more sights than there are": put("keyframe_sights", 0, 1 << 60),
+    "negative observations": put("keyframe_observations", 0, -1),
+    "more observations than there are": put("keyframe_observations", 0, 1 << 60),
     "a sight outside": put("uv", (0, 0), 1e6),
     "no image of a keyframe": put("keyframe_has_image", -1, False),
-    "words of another length": lambda state: state.update(words=state["words"][:, :3].copy()),
-    "words of another type": lambda state: state.update(words=state["words"].astype(np.int64)),
+    "descriptors of another length": lambda state: state.update(descriptors=state["descriptors"][:, :3].copy()),
+    "descriptors of another type": lambda state: state.update(descriptors=state["descriptors"].astype(np.int64)),
     "frames on no keyframe": put("anchors", 1, 77),
     "frames on a later keyframe": lambda state: state["anchors"].__setitem__(0, state["keyframe_index"][-1]),
     "a keyframe twice": lambda state: state["keyframe_index"].__setitem__(1, state["keyframe_index"][0]),
@@ -169,7 +169,7 @@ ROWS = {
     "no JSON": lambda rows: b"{",
     "no text": lambda rows: b"\xff\xfe",
     "no list": lambda rows: b"{}",
-    "words": lambda rows: json.dumps(["stamp"] * FRAMES).encode(),
+    "descriptors": lambda rows: json.dumps(["stamp"] * FRAMES).encode(),
     "no number": lambda rows: rows[1].update(stamp=float("nan")),
     "a number too large": lambda rows: json.dumps(rows).replace('"faces": ', '"faces": 1' + 5000 * "0").encode(),
     "another index": lambda rows: rows[1].update(index=0),

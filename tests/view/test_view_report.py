@@ -180,8 +180,8 @@ def test_faces_without_a_value_are_grey(odd):
 
 
 def test_a_scene_too_large_for_a_browser_is_thinned_and_says_so(frame, monkeypatch):
-    monkeypatch.setattr(scene, "MOST_FACES", 20)
-    monkeypatch.setattr(scene, "MOST_EDGES", 40)
+    monkeypatch.setattr(scene, "MAX_FACES", 20)
+    monkeypatch.setattr(scene, "MAX_EDGES", 40)
     assert len(scene.scene_views(frame)[0].traces[0].i) == 17
     assert "one face in 3" in scene.thinned(frame)
     assert "one edge in 3" in scene.thinned(frame)

@@ -14,7 +14,7 @@ from ..errors import InputError
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
 """Of images that are read."""
 _READ = "images as .png, .jpg, .tif, .bmp, .pgm or .ppm"
-_MOST_NAMED = 6
+_MAX_NAMED = 6
 _KINDS = {
     "a video": ".mp4 .m4v .mov .avi .mkv .webm .wmv .mpg .mpeg .mts .h264 .h265 .hevc .ogv .flv .3gp .y4m .mjpeg .mjpg",
     "a recording of a ZED camera": ".svo .svo2",
@@ -80,5 +80,5 @@ def listed(folder: Path) -> str:
         names = sorted(name for name in os.listdir(folder) if not name.startswith("."))
     except OSError:
         names = []
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return (", ".join(name[:40] for name in names[:_MOST_NAMED]) or "nothing") + more
+    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+    return (", ".join(name[:40] for name in names[:_MAX_NAMED]) or "nothing") + more

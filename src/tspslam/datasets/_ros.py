@@ -41,7 +41,7 @@ _SIDES = (
     ("image_00", "image_01"),
 )
 _RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")
-_MOST_LISTED, _LONGEST_NAME = 20, 80
+_MAX_LISTED, _LONGEST_NAME = 20, 80
 _FILES = (".bag", ".mcap", ".db3")
 STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
 _BROWN = ("plumb_bob", "rational_polynomial", "")  # the second one is Brown's where k4, k5 and k6 are 0
@@ -133,8 +133,8 @@ def _partners(images: Mapping[str, str]) -> list[tuple[str, str]]:
 
 def _listed(topics: Iterable[str]) -> str:
     names = sorted(topics)
-    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    return ", ".join(name[:_LONGEST_NAME] for name in names[:_MOST_LISTED]) + more
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return ", ".join(name[:_LONGEST_NAME] for name in names[:_MAX_LISTED]) + more
 
 
 def info_topic(path: Path, topic: str, known: Mapping[str, str]) -> str:

@@ -20,7 +20,7 @@ from ..vision.calibration.formats import read_rectified
 from ..vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
-_LEAST_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths beyond are hardly metres
+_MIN_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths beyond are hardly metres
 _USUAL_BASELINE = 0.1  # m, of stereo cameras held in the hand: stands in for that of a single camera
 
 
@@ -204,7 +204,7 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
     away = f"the mesh is {depth:.6g} m away in the median"
     if rig.baseline:
         away += f", a disparity of {disparity:.3g} px"
-    if disparity < _LEAST_DISPARITY:
+    if disparity < _MIN_DISPARITY:
         found.append(f"{away}: is it in millimetres? Expected metres")
     elif rig.baseline and disparity > rig.width:
         found.append(f"{away}, more than the image is wide: is it in another unit? Expected metres")

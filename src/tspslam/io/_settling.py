@@ -17,7 +17,7 @@ from .lock import LOCK_NAME, FolderLock
 from .manifest import read_manifest
 
 _EXPECTED = "an empty or new folder, or a run folder of ours"
-_MOST_NAMED, _LONGEST = 10, 400  # settings that differ; characters of each
+_MAX_NAMED, _LONGEST = 10, 400  # settings that differ; characters of each
 
 
 def is_ours(folder: Path) -> bool:
@@ -67,8 +67,8 @@ def settle_config(folder: Path, config: dict[str, Any]) -> list[Path]:
         return [folder / CONFIG] if is_new else []
     lines = _config.differences(read_config(folder), config)
     if lines:
-        more = f"; and {len(lines) - _MOST_NAMED} more" if len(lines) > _MOST_NAMED else ""
-        said = "; ".join(line[:_LONGEST] for line in lines[:_MOST_NAMED]) + more
+        more = f"; and {len(lines) - _MAX_NAMED} more" if len(lines) > _MAX_NAMED else ""
+        said = "; ".join(line[:_LONGEST] for line in lines[:_MAX_NAMED]) + more
         raise bad_input(folder, said, "the settings of the run in it, or another folder")
     return []
 

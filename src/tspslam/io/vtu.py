@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _EXPECTED = "a VTK unstructured grid of lines and triangles"
 _LINE, _TRIANGLE = 3, 5
-_MOST_ELEMENTS = 10_000
-_MOST_SIGNS = 20 * _MOST_ELEMENTS  # "=": one an attribute, and a few to fill up base64
+_MAX_ELEMENTS = 10_000
+_MAX_SIGNS = 20 * _MAX_ELEMENTS  # "=": one an attribute, and a few to fill up base64
 
 
 class VtuMesh(NamedTuple):
@@ -224,7 +224,7 @@ class _Builder(ET.TreeBuilder):
 
     def __init__(self) -> None:
         super().__init__()
-        self.left = _MOST_ELEMENTS
+        self.left = _MAX_ELEMENTS
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         """Refuse a document type."""
@@ -234,7 +234,7 @@ class _Builder(ET.TreeBuilder):
         """Count the elements."""
         self.left -= 1
         if self.left < 0:
-            raise InputError(f"has more than {_MOST_ELEMENTS} elements")
+            raise InputError(f"has more than {_MAX_ELEMENTS} elements")
         return super().start(tag, attrs)
 
 
@@ -247,8 +247,8 @@ def _parsed(data: bytes) -> tuple[ET.Element, bytes]:
         if not start < mark < end:
             raise InputError("has an appended section without begin or end")
         appended, data = data[mark + 1 : end], data[: mark + 1] + data[end:]
-    if data.count(b"=") > _MOST_SIGNS:
-        raise InputError(f"has more than {_MOST_SIGNS} attributes")
+    if data.count(b"=") > _MAX_SIGNS:
+        raise InputError(f"has more than {_MAX_SIGNS} attributes")
     parser = ET.XMLParser(target=_Builder())
     parser.feed(data)
     return parser.close(), appended

@@ -26,7 +26,7 @@ TOLERANCE = 1e-12
 """Relative residual of iterative solutions."""
 
 
-_MOST_CYCLES = 100
+_MAX_CYCLES = 100
 
 Solve = Callable[[FloatArray], FloatArray]
 
@@ -124,7 +124,7 @@ def _multigrid(matrix: csr_array) -> Solve:
     def solve(b: FloatArray) -> FloatArray:
         x, left, direction, energy = np.zeros(len(b)), b.copy(), np.zeros(len(b)), 1.0
         goal = 1e-20 * (b * b).sum()
-        for _ in range(_MOST_CYCLES):
+        for _ in range(_MAX_CYCLES):
             if (left * left).sum() <= goal:
                 break
             smoothed = cycle @ left

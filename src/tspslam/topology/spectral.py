@@ -25,7 +25,7 @@ LARGEST_DENSE = 4000
 LARGEST_DEGREE = 100_000
 """Terms of a polynomial that are still summed."""
 
-_MOST_TERMS = 1 << 14
+_MAX_TERMS = 1 << 14
 
 LARGEST_ROWS = 1 << 31
 """Bytes of a block of kernel rows that are still given out."""
@@ -344,14 +344,12 @@ def _chebyshev_series(
             raise InputError(f"degree is {degree!r}, expected an integer from 1 to {LARGEST_DEGREE}")
         return _interpolate(response, half, int(degree) + 1)[0]
     terms = 16
-    while terms <= _MOST_TERMS:
+    while terms <= _MAX_TERMS:
         series, largest = _interpolate(response, half, terms)
         if np.abs(series[terms // 2 :]).sum() <= error * largest:
             return _cut(series, error * largest)
         terms *= 2
-    raise InputError(
-        f"{_MOST_TERMS} terms do not follow the response to {error:g}, expected a smoother one, or degree="
-    )
+    raise InputError(f"{_MAX_TERMS} terms do not follow the response to {error:g}, expected a smoother one, or degree=")
 
 
 def _interpolate(response: Callable[[FloatArray], ArrayLike], half: float, terms: int) -> tuple[FloatArray, float]:

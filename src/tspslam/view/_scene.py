@@ -25,7 +25,7 @@ from ._frame import (
     wide,
 )
 
-MOST_FACES, MOST_EDGES = 150_000, 60_000  # beyond these a browser crawls: every k-th is shown, and the page says so
+MAX_FACES, MAX_EDGES = 150_000, 60_000  # beyond these a browser crawls: every k-th is shown, and the page says so
 GREYS = [[0.0, "#101215"], [1.0, "#ffffff"]]
 BARE, INK, GRID = "#8d97a3", "#7d8894", "#a9b3bd"  # legible on a light and on a dark page
 CENTRE = {"x": 0.0, "y": 0.0, "z": -0.15}
@@ -131,8 +131,8 @@ def thinned(frame: FrameView) -> str:
     hidden = int((~keep).sum())
     words = f" Points not shown, far off or unseen: {hidden}." if hidden else ""
     for what, elements, most in (
-        ("face", frame.complex_.faces, MOST_FACES),
-        ("edge", frame.complex_.edges, MOST_EDGES),
+        ("face", frame.complex_.faces, MAX_FACES),
+        ("edge", frame.complex_.edges, MAX_EDGES),
     ):
         step = _step(int(keep[elements].all(axis=1).sum()), most)
         words += f" Only one {what} in {step} is shown." if step > 1 else ""
@@ -146,7 +146,7 @@ def _step(count: int, most: int) -> int:
 def _mesh(frame: FrameView, keep: BoolArray) -> _Mesh:
     faces = frame.complex_.faces
     rows = np.flatnonzero(keep[faces].all(axis=1))
-    rows = rows[:: _step(len(rows), MOST_FACES)]
+    rows = rows[:: _step(len(rows), MAX_FACES)]
     vertices = np.unique(faces[rows]).astype(np.int64) if len(rows) else np.flatnonzero(keep)
     renumbered = np.searchsorted(vertices, faces[rows]).astype(np.int32)
     xyz = frame.cloud.xyz[vertices]
@@ -292,7 +292,7 @@ def _edge_view(frame: FrameView, keep: BoolArray) -> View | None:
     rows = np.flatnonzero(signals.edge_ok & keep[edges].all(axis=1))
     if not len(rows):
         return None
-    rows = rows[:: _step(int(keep[edges].all(axis=1).sum()), MOST_EDGES)]
+    rows = rows[:: _step(int(keep[edges].all(axis=1).sum()), MAX_EDGES)]
     ends = _upright(frame.cloud.xyz[edges[rows].ravel()]).reshape(-1, 2, 3)
     x, y, z = ([c for a, b in ends[:, :, axis].tolist() for c in (a, b, None)] for axis in range(3))
     values = np.repeat(one_channel(signals.edge)[rows], 3).astype(np.float32)

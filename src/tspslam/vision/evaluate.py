@@ -14,7 +14,7 @@ from .se3 import alignment, inverse, rotation_angle
 
 _FARTHEST = 1e10  # m
 _FEWEST = 3  # positions: through fewer, the motion that lays a path on another is not one
-_LEAST = 0.05  # of the estimate: below, what is compared says nothing of it
+_MIN = 0.05  # of the estimate: below, what is compared says nothing of it
 _FEW = 0.5  # of a path: below, it is a part, which is said
 _LONGEST_GAP = 1 << 40  # frames
 _SLACK = 0.1  # of a distance, by which the nearest pair of poses may miss it
@@ -199,8 +199,8 @@ class _Overlap:
         if matched < _FEWEST:
             raise InputError(f"{said}, expected at least {_FEWEST}; {spans}")
         share = self.density * self.span_of(self.estimate, self.own)
-        if share < _LEAST:
-            raise InputError(f"{said}, {100 * share:.2g} % of the path, expected at least {100 * _LEAST:g} %; {spans}")
+        if share < _MIN:
+            raise InputError(f"{said}, {100 * share:.2g} % of the path, expected at least {100 * _MIN:g} %; {spans}")
 
     def warnings(self) -> tuple[str, ...]:
         """What to say where less than half is compared."""

@@ -15,7 +15,7 @@ LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
 _WIDEST_BASELINE = 5.0  # m, of a pair that a person or a car carries
 _SHORTEST_FOCAL = 0.1  # of a side of the image: a field of view of 157 degrees, which no pinhole lens has
-LEAST_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
+MIN_TOTAL = 1e-9  # px of disparity + doffs: farther points have no depth
 _FARTHEST = 1e9  # px
 
 
@@ -162,7 +162,7 @@ def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[Fl
     if not (np.isfinite(pixels).all() and np.isfinite(shifts).all()):
         raise InputError("uv or disparity holds values that are not finite, expected finite px")
     total = shifts + rig.doffs
-    if np.any(total < LEAST_TOTAL):
+    if np.any(total < MIN_TOTAL):
         row = int(np.argmin(total))
         raise InputError(f"disparity[{row}] + doffs is {total[row]:g} px, expected a positive number, at least 1e-9")
     if len(pixels) and np.abs(pixels).max() > _FARTHEST:

@@ -25,8 +25,8 @@ RIG = Rig(fx=718.0, fy=716.0, cx=607.0, cy=185.0, baseline=0.54, width=1241, hei
 HELD, MOVING = 7, 7  # keyframes
 HUBER = 2.5
 _POINTS = 4800  # strewn, of which some are seen too rarely
-_BEARINGS, _OUTLIERS = 0.3, 0.05  # shares of the sights
-_LONG = 5  # sights of a point that may be bearings only
+_BEARINGS, _OUTLIERS = 0.3, 0.05  # shares of the observations
+_LONG = 5  # observations of a point that may be bearings only
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Window:
 
 
 def window(seed: int = 0, points: int = _POINTS) -> Window:
-    """A drive of 14 keyframes through strewn points: noise, bearings, wild sights; the last 7 poses are to be found."""
+    """A drive of 14 keyframes through strewn points: noise, bearings, wild observations; the last 7 poses are to be found."""
     rng = np.random.default_rng(seed)
     T = _drive(HELD + MOVING)
     xyz = rng.uniform((-14, -5, 5), (14, 2, 45), (points, 3))
@@ -61,7 +61,7 @@ def window(seed: int = 0, points: int = _POINTS) -> Window:
 
 
 def _are_bearings(rng: np.random.Generator, point: NDArray[np.integer]) -> BoolArray:
-    """Which sights have no disparity: some of them, but the first one of a point only in points of five and more."""
+    """Which observations have no disparity: some of them, but the first one of a point only in points of five and more."""
     _, first, counts = np.unique(point, return_index=True, return_counts=True)
     bearings = rng.random(len(point)) < _BEARINGS
     bearings[first[counts < _LONG]] = False
@@ -88,7 +88,7 @@ def _shaken(rng: np.random.Generator, T: FloatArray) -> FloatArray:
 def _sights(
     rng: np.random.Generator, T: FloatArray, xyz: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Exact sights of points in the images of three to eight keyframes in a row: pose, point, uv, disparity."""
+    """Exact observations of points in the images of three to eight keyframes in a row: pose, point, uv, disparity."""
     T_camera_world = inverse(T)
     p = np.einsum("kij,mj->kmi", T_camera_world[:, :3, :3], xyz) + T_camera_world[:, None, :3, 3]
     z = np.maximum(p[..., 2], 1e-3)
@@ -103,11 +103,11 @@ def _sights(
     return pose, point, uv[pose, point], RIG.fx * RIG.baseline / z[pose, point] - RIG.doffs
 
 
-def adjusted(problem: Window, *, most_steps: int = 20) -> Adjustment:
+def adjusted(problem: Window, *, max_steps: int = 20) -> Adjustment:
     """What `adjust` makes of a window."""
     return adjust(
         problem.rig, problem.T_world_camera, problem.xyz, problem.seen,
-        fixed=problem.fixed, huber=HUBER, most_steps=most_steps,
+        fixed=problem.fixed, huber=HUBER, max_steps=max_steps,
     )  # fmt: skip
 
 
@@ -174,14 +174,14 @@ def start_of(problem: Window) -> gtsam.Values:
 
 def solved(
     graph: gtsam.NonlinearFactorGraph, start: gtsam.Values, *, solver: str = "MULTIFRONTAL_QR",
-    enough: float = 1e-14, most_steps: int = 300,
+    enough: float = 1e-14, max_steps: int = 300,
 ) -> tuple[gtsam.Values, int]:  # fmt: skip
     """The optimum that GTSAM finds by Levenberg-Marquardt steps, and how many it took."""
     settings = gtsam.LevenbergMarquardtParams()
     settings.setLinearSolverType(solver)
     settings.setRelativeErrorTol(enough)
     settings.setAbsoluteErrorTol(0.0)
-    settings.setMaxIterations(most_steps)
+    settings.setMaxIterations(max_steps)
     search = gtsam.LevenbergMarquardtOptimizer(graph, start, settings)
     return search.optimize(), search.iterations()
 

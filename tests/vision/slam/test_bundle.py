@@ -64,7 +64,7 @@ def test_the_optimum_is_that_of_a_plain_solver(huber):
     T, xyz = world(poses=3, points=12)
     seen = seen_by(T, xyz, noise=1.0, bearings=0.2)
     start = shaken(T, xyz, far=0.02)
-    ours = adjust(RIG, *start, seen, huber=huber, most_steps=60)
+    ours = adjust(RIG, *start, seen, huber=huber, max_steps=60)
 
     def unpacked(x):
         poses = start[0].copy()
@@ -92,12 +92,12 @@ def test_a_common_offset_of_disparities_is_found_from_motion(offset):
     xyz[::2] *= 4  # near and far
     seen = seen_by(T, xyz)
     shifted = Observations(**{**vars(seen), "disparity": seen.disparity + offset})
-    exact = adjust(RIG, *shaken(T, xyz, far=0.02), shifted, offset_sigma=10.0, most_steps=50)
+    exact = adjust(RIG, *shaken(T, xyz, far=0.02), shifted, offset_sigma=10.0, max_steps=50)
     assert exact.offset == pytest.approx(offset, abs=1e-3)
     np.testing.assert_allclose(exact.T_world_camera, T, atol=1e-4)
     noisy = seen_by(T, xyz, noise=0.5, seed=3)
     noisy = Observations(**{**vars(noisy), "disparity": noisy.disparity + offset})
-    found = adjust(RIG, *shaken(T, xyz, far=0.02), noisy, offset_sigma=1.0, most_steps=50)
+    found = adjust(RIG, *shaken(T, xyz, far=0.02), noisy, offset_sigma=1.0, max_steps=50)
     assert abs(found.offset - offset) < 3 * found.offset_std
     assert 0 < found.offset_std < 0.2
     stays = adjust(RIG, *shaken(T, xyz, far=0.02), noisy, offset=offset)
@@ -184,7 +184,7 @@ def test_a_world_that_no_pose_holds_is_found_up_to_its_place():
 
 
 def test_many_points_settle_in_few_steps_on_equations_of_the_cameras_alone(monkeypatch):
-    """Four steps, each one pass over the sights and 54 equations; the optimum is that of fifty steps."""
+    """Four steps, each one pass over the observations and 54 equations; the optimum is that of fifty steps."""
     from tspslam.vision.slam import _least_squares, bundle
 
     sizes, passes, solved, reduce = [], [], bundle._solved, _least_squares.reduce
@@ -192,10 +192,10 @@ def test_many_points_settle_in_few_steps_on_equations_of_the_cameras_alone(monke
     monkeypatch.setattr(_least_squares, "reduce", lambda *given: (passes.append(1), reduce(*given))[1])
     T, xyz = world(poses=10, points=1500)
     seen, start = seen_by(T, xyz, noise=0.5), shaken(T, xyz, far=0.02)
-    found = adjust(RIG, *start, seen, most_steps=6)
+    found = adjust(RIG, *start, seen, max_steps=6)
     assert set(sizes) == {(54, 54)}  # nine cameras move
     assert len(passes) <= found.steps + 3
-    assert found.cost == pytest.approx(adjust(RIG, *start, seen, most_steps=50).cost, rel=1e-6)
+    assert found.cost == pytest.approx(adjust(RIG, *start, seen, max_steps=50).cost, rel=1e-6)
     # of 0.5 px about pixels (sigma 1) and 0.25 px about disparities (sigma 0.5): a quarter each, the points' share less
     free = 3 * len(seen.pose) - 54 - 3 * 1500
     assert found.cost == pytest.approx(0.25 * free, rel=6 * (2 / free) ** 0.5)

@@ -9,7 +9,7 @@ from tspslam.datasets import KittiSequence, open_sequence, synthetic
 from tspslam.datasets.synthetic import shapes
 from tspslam.vision.features.spread import Features
 from tspslam.vision.slam.odometry import Odometry
-from tspslam.vision.slam.tracking import Fix, believed, is_clear
+from tspslam.vision.slam.tracking import PoseEstimate, choose_pose, is_clear
 
 from ...datasets.standard import kitti_seq1, shared
 from ...sequences import DETECTOR, RIG
@@ -73,10 +73,10 @@ def test_a_step_that_nothing_confirms_is_lost(street):
     assert np.isinf(tracked.covariance).all() == tracked.is_lost
 
 
-def fix(count, in_view, z=0.0):
+def estimate(count, in_view, z=0.0):
     T = np.eye(4)
     T[2, 3] = z
-    return Fix(T, np.arange(count), np.zeros((count, 2)), np.zeros(count), np.eye(6), in_view)
+    return PoseEstimate(T, np.arange(count), np.zeros((count, 2)), np.zeros(count), np.eye(6), in_view)
 
 
 XYZ = np.tile((0.0, 0.0, 10.0), (1000, 1))
@@ -85,22 +85,22 @@ XYZ = np.tile((0.0, 0.0, 10.0), (1000, 1))
 @pytest.mark.parametrize(
     ("followed", "recognised", "wanted"),
     [
-        (fix(17, 818), None, None),  # what was believed once
-        (fix(83, 800), None, None),
-        (fix(200, 818), None, "followed"),
-        (None, fix(90, 800), "recognised"),
-        (None, fix(70, 800), None),
-        (fix(17, 818), fix(400, 800, 1.0), "recognised"),
-        (fix(62, 800), fix(60, 800, 1.0), None),
-        (fix(90, 800), fix(85, 800, 0.01), "followed"),  # the same pose: each confirms the other
-        (fix(90, 800), fix(85, 800, 1.0), "recognised"),
-        (fix(177, 840), fix(346, 1040, 1.0), "followed"),  # descriptors found an object that moves
-        (fix(130, 840), fix(500, 1040, 1.0), "recognised"),
+        (estimate(17, 818), None, None),  # what was believed once
+        (estimate(83, 800), None, None),
+        (estimate(200, 818), None, "followed"),
+        (None, estimate(90, 800), "recognised"),
+        (None, estimate(70, 800), None),
+        (estimate(17, 818), estimate(400, 800, 1.0), "recognised"),
+        (estimate(62, 800), estimate(60, 800, 1.0), None),
+        (estimate(90, 800), estimate(85, 800, 0.01), "followed"),  # the same pose: each confirms the other
+        (estimate(90, 800), estimate(85, 800, 1.0), "recognised"),
+        (estimate(177, 840), estimate(346, 1040, 1.0), "followed"),  # descriptors found an object that moves
+        (estimate(130, 840), estimate(500, 1040, 1.0), "recognised"),
         (None, None, None),
     ],
 )
 def test_a_pose_is_believed_on_many_landmarks_or_on_a_second_opinion(followed, recognised, wanted):
-    found = believed(followed, recognised, XYZ)
+    found = choose_pose(followed, recognised, XYZ)
     assert found is {"followed": followed, "recognised": recognised, None: None}[wanted]
 
 
@@ -108,9 +108,9 @@ def test_a_pose_is_believed_on_many_landmarks_or_on_a_second_opinion(followed, r
 def test_a_steady_motion_is_believed_where_most_landmarks_move_with_something_else(z, wanted):
     T_ahead = np.eye(4)
     T_ahead[2, 3] = z
-    followed, recognised = fix(99, 940), fix(315, 1150, 0.5)
+    followed, recognised = estimate(99, 940), estimate(315, 1150, 0.5)
     assert is_clear(followed, XYZ, T_ahead) == wanted
-    assert believed(followed, recognised, XYZ) is recognised  # what is asked where it is not clear
+    assert choose_pose(followed, recognised, XYZ) is recognised  # what is asked where it is not clear
     assert not is_clear(followed, XYZ, None)
-    assert not is_clear(fix(17, 818), XYZ, np.eye(4))
-    assert believed(fix(17, 818), None, XYZ) is None
+    assert not is_clear(estimate(17, 818), XYZ, np.eye(4))
+    assert choose_pose(estimate(17, 818), None, XYZ) is None

@@ -10,10 +10,10 @@ from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam.vision.images import pyramid
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam import map as mapping
-from tspslam.vision.slam.loop_closing import MOST_DRIFT, joined, places_near, seen_again
+from tspslam.vision.slam.loop_closing import MAX_DRIFT, detect_loop, merge_observations, places_near
 from tspslam.vision.slam.odometry import Odometry
-from tspslam.vision.slam.relocalization import binary_words, recognised
-from tspslam.vision.slam.tracking import Fix
+from tspslam.vision.slam.relocalization import binary_descriptors, relocalize
+from tspslam.vision.slam.tracking import PoseEstimate
 
 from ...sequences import DETECTOR, RIG, corridor
 
@@ -70,7 +70,7 @@ def test_a_map_of_one_place_stops_growing(walk):
     """A map that grew would be three times as large.
 
     With thresholds nudged by 2 %, keypoints by 1e-6 px, other noise, and other registers of the processor, the largest
-    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and sights), and the path's error 3 to 7 mm.
+    was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and observations), and the path's error 3 to 7 mm.
     """
     pairs, truth = to_and_fro(walk, 6)
     odometry, sizes = Odometry(RIG, detector=DETECTOR), []
@@ -87,14 +87,14 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
     pairs, _ = to_and_fro(walk, 4)
     odometry = Odometry(RIG, detector=DETECTOR)
     before, gone = None, 0
-    thin = odometry.map._thin
+    thin = odometry.map._cull_keyframes
 
     def watched():
         nonlocal gone
         thin()
         gone += len(odometry.map.dropped)
 
-    odometry.map._thin = watched
+    odometry.map._cull_keyframes = watched
     for pair in pairs:
         odometry.process(pair)
         assert all(len(np.unique(frame.landmark)) == len(frame.landmark) for frame in odometry.map.keyframes)
@@ -119,8 +119,8 @@ def bent(walk, there):
     c, s = np.cos(0.004), np.sin(0.004)
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     before = odometry._last_pose()
-    odometry.map.bend(0, T, odometry._pose)
-    odometry.map.is_bent = False
+    odometry.map.distribute_loop_error(0, T, odometry._pose)
+    odometry.map.has_new_loop = False
     odometry._follow_map(before)
     return odometry, pairs, truth
 
@@ -133,7 +133,7 @@ def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
     """
     odometry, pairs, truth = bent
     if not is_closed:
-        monkeypatch.setattr("tspslam.vision.slam.odometry.seen_again", lambda *_: None)
+        monkeypatch.setattr("tspslam.vision.slam.odometry.detect_loop", lambda *_: None)
     for pair in pairs[THERE:]:
         odometry.process(pair)
     odometry.finish()
@@ -147,7 +147,7 @@ def test_bending_moves_what_came_since_and_nothing_before(there):
     world, T = odometry.map, np.eye(4)
     T[:3, 3] = 0.1, 0, 0
     before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
-    world.bend(2, T, odometry._pose)
+    world.distribute_loop_error(2, T, odometry._pose)
     moved = np.array([(frame.T_world_camera - T0)[0, 3] for frame, T0 in zip(world.keyframes, before, strict=True)])
     assert (moved[:3] == 0).all()
     assert (np.diff(moved[2:]) > 0).all()
@@ -163,18 +163,20 @@ def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, ther
     features = DETECTOR(walk[0][3].left)
     T = walk[1][3].copy()
     T[0, 3] += 0.05
-    fix = Fix(T, world.keyframes[-1].landmark, world.keyframes[-1].uv, world.keyframes[-1].disparity, np.eye(6))
-    found = seen_again(world, image, fix, features.uv, binary_words(features.descriptor))
+    estimate = PoseEstimate(
+        T, world.keyframes[-1].landmark, world.keyframes[-1].uv, world.keyframes[-1].disparity, np.eye(6)
+    )
+    found = detect_loop(world, image, estimate, features.uv, binary_descriptors(features.descriptor))
     assert found is not None
-    assert np.linalg.norm((found.fix.T_world_camera - walk[1][3])[:3, 3]) < 0.01
-    assert found.drift > MOST_DRIFT
-    assert len(found.fix) >= 30
+    assert np.linalg.norm((found.estimate.T_world_camera - walk[1][3])[:3, 3]) < 0.01
+    assert found.drift > MAX_DRIFT
+    assert len(found.estimate) >= 30
 
 
 def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(there):
     world = there.map
     frame = world.keyframes[0]
-    here = Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
+    here = PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
     none = np.zeros(len(world.xyz), np.bool_)
     assert places_near(world, here, none)[0][0] == 0
     assert 0 not in dict(places_near(world, here, ~none))
@@ -189,11 +191,11 @@ def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
     """Such as the same poster on another wall."""
     odometry = there
     image, features = pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
-    words, frame, T = binary_words(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
+    descriptors, frame, T = binary_descriptors(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
     for shift, is_found in ((0.05, True), (1.5, False)):
         T[0, 3] = shift
-        fix = Fix(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
-        assert (seen_again(odometry.map, image, fix, features.uv, words) is not None) is is_found
+        estimate = PoseEstimate(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
+        assert (detect_loop(odometry.map, image, estimate, features.uv, descriptors) is not None) is is_found
 
 
 def test_a_camera_that_only_turned_is_bent_too(walk):
@@ -203,7 +205,7 @@ def test_a_camera_that_only_turned_is_bent_too(walk):
     for k in range(len(world.keyframes)):
         world._change(k, T_world_camera=np.eye(4))
     T[:3, 3] = 0.1, 0, 0
-    world.bend(0, T, np.eye(4))
+    world.distribute_loop_error(0, T, np.eye(4))
     moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])
     np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
 
@@ -213,13 +215,18 @@ def test_landmarks_in_one_place_become_one(there):
     frame = world.keyframes[-1]
     n = len(frame.landmark)
     twin = np.arange(len(world.xyz), len(world.xyz) + n)
-    again = Fix(frame.T_world_camera, twin, frame.uv + 0.2, frame.disparity, np.eye(6))
-    world.xyz, world.words = np.concatenate([world.xyz, world.xyz[frame.landmark]]), np.tile(world.words, (2, 1))
-    fix = joined(world, again, Fix(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6)))
+    again = PoseEstimate(frame.T_world_camera, twin, frame.uv + 0.2, frame.disparity, np.eye(6))
+    world.xyz, world.descriptors = (
+        np.concatenate([world.xyz, world.xyz[frame.landmark]]),
+        np.tile(world.descriptors, (2, 1)),
+    )
+    estimate = merge_observations(
+        world, again, PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
+    )
     known = np.isfinite(frame.disparity)
     assert np.isin(twin[known], world.keyframes[-1].landmark).all()
     assert not np.isin(frame.landmark[known], world.keyframes[-1].landmark).any()
-    assert len(np.unique(fix.landmark)) == len(fix.landmark)
+    assert len(np.unique(estimate.landmark)) == len(estimate.landmark)
 
 
 def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
@@ -256,12 +263,12 @@ def test_nobody_is_recognised_where_nobody_was(walk):
     odometry._join()
     noise = np.random.default_rng(0).integers(0, 255, walk[0][0].left.shape[:2]).astype(np.uint8)
     features = DETECTOR(noise)
-    words = binary_words(features.descriptor)
-    assert recognised(odometry.map, pyramid(noise), features.uv, words) is None
+    descriptors = binary_descriptors(features.descriptor)
+    assert relocalize(odometry.map, pyramid(noise), features.uv, descriptors) is None
 
 
 def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
-    monkeypatch.setattr(mapping, "_MOST_IMAGES", 1)
+    monkeypatch.setattr(mapping, "_MAX_IMAGES", 1)
     odometry = went(to_and_fro(walk, 2)[0])
     held = [frame.grey is not None for frame in odometry.map.keyframes]
     assert len(held) > 14 >= sum(held)
@@ -289,7 +296,7 @@ def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
     odometry, pairs, _ = bent
     for pair in pairs[THERE:]:
         odometry.process(pair)
-        if odometry.map.is_bent and odometry._asked is not None:
+        if odometry.map.has_new_loop and odometry._asked is not None:
             break
     else:
         pytest.fail("no loop was closed")

@@ -10,10 +10,10 @@ from tspslam import GeometryError, InputError, Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
 from tspslam.vision.features.sift_brisk import SiftDetector
 from tspslam.vision.rig import project
-from tspslam.vision.slam.map import OffsetFilter
+from tspslam.vision.slam.map import DisparityBias
 from tspslam.vision.slam.odometry import Odometry, Tracking
-from tspslam.vision.slam.relocalization import binary_words, resected
-from tspslam.vision.slam.tracking import SIGMA, Fix, refined
+from tspslam.vision.slam.relocalization import binary_descriptors, solve_pnp
+from tspslam.vision.slam.tracking import SIGMA, PoseEstimate, refine_pose
 
 from ... import sequences
 from ...sequences import DETECTOR, RIG, Kept
@@ -66,8 +66,10 @@ def test_the_covariance_is_that_of_errors_where_sights_have_their_standard_devia
     uv, disparity = project(RIG, xyz), RIG.fx * RIG.baseline / xyz[:, 2]
     rng, errors, covariances = np.random.default_rng(0), [], []
     for _ in range(300):
-        seen = Fix(np.eye(4), np.arange(150), uv + rng.normal(0, SIGMA, uv.shape), np.full(150, np.nan), np.eye(6))
-        found = refined(RIG, seen, xyz, disparity + rng.normal(0, 0.3, 150), 0.3)
+        seen = PoseEstimate(
+            np.eye(4), np.arange(150), uv + rng.normal(0, SIGMA, uv.shape), np.full(150, np.nan), np.eye(6)
+        )
+        found = refine_pose(RIG, seen, xyz, disparity + rng.normal(0, 0.3, 150), 0.3)
         errors.append(twist(found.T_world_camera))
         covariances.append(found.covariance)
     assert mean_distance(errors, covariances) == pytest.approx(1, abs=4 * (2 / (6 * 300)) ** 0.5)
@@ -167,37 +169,40 @@ def scene(seed=0, n=300):
     """Keypoints with descriptors, and the landmarks behind them."""
     rng = np.random.default_rng(seed)
     uv = rng.uniform((0, 0), (511, 383), (n, 2))
-    words = rng.integers(0, 1 << 63, (n, 4)).astype(np.uint64)
+    descriptors = rng.integers(0, 1 << 63, (n, 4)).astype(np.uint64)
     z = rng.uniform(2, 9, n)
     x, y = (uv - (RIG.cx, RIG.cy)).T / RIG.fx
-    return uv, words, np.column_stack([x, y, np.ones(n)]) * z[:, None]
+    return uv, descriptors, np.column_stack([x, y, np.ones(n)]) * z[:, None]
 
 
 def test_a_place_is_recognised_by_descriptors_alone():
-    uv, words, xyz = scene()
+    uv, descriptors, xyz = scene()
     rng = np.random.default_rng(1)
     rows = rng.permutation(len(uv))[:200]
-    wanted = words[rows] ^ (np.uint64(1) << rng.integers(0, 64, (200, 4)).astype(np.uint64))
-    T = resected(RIG, uv, words, xyz[rows], wanted)
+    wanted = descriptors[rows] ^ (np.uint64(1) << rng.integers(0, 64, (200, 4)).astype(np.uint64))
+    T = solve_pnp(RIG, uv, descriptors, xyz[rows], wanted)
     np.testing.assert_allclose(T, np.eye(4), atol=1e-5)
     strangers = rng.integers(0, 1 << 63, wanted.shape).astype(np.uint64)
-    assert resected(RIG, uv, words, xyz[rows], strangers) is None
-    assert resected(RIG, uv, words[:, :0], xyz[rows], wanted[:, :0]) is None
-    assert resected(RIG, uv[:1], words[:1], xyz[rows], wanted) is None
+    assert solve_pnp(RIG, uv, descriptors, xyz[rows], strangers) is None
+    assert solve_pnp(RIG, uv, descriptors[:, :0], xyz[rows], wanted[:, :0]) is None
+    assert solve_pnp(RIG, uv[:1], descriptors[:1], xyz[rows], wanted) is None
 
 
 @pytest.mark.parametrize("size", [128, 64])
 def test_real_descriptors_become_words_that_keep_what_is_near(size):
     rng = np.random.default_rng(2)
     one = np.abs(rng.normal(size=(200, size))).astype(np.float32)
-    near, far = binary_words(one + 0.1 * rng.normal(size=one.shape).astype(np.float32)), binary_words(one[::-1])
-    bits = [np.bitwise_count(binary_words(one) ^ other).sum(axis=1) for other in (near, far)]
+    near, far = (
+        binary_descriptors(one + 0.1 * rng.normal(size=one.shape).astype(np.float32)),
+        binary_descriptors(one[::-1]),
+    )
+    bits = [np.bitwise_count(binary_descriptors(one) ^ other).sum(axis=1) for other in (near, far)]
     assert np.max(bits[0]) < 60 < np.min(bits[1])
-    assert binary_words(np.zeros((3, 61), np.uint8)).shape == (3, 8)
+    assert binary_descriptors(np.zeros((3, 61), np.uint8)).shape == (3, 8)
 
 
 def test_the_offset_is_the_weighed_mean_of_the_windows():
-    offset = OffsetFilter(0.3, window=4)
+    offset = DisparityBias(0.3, window=4)
     assert (offset.value, offset.std) == (0.0, pytest.approx(0.3))
     rng = np.random.default_rng(0)
     for _ in range(400):

@@ -16,7 +16,7 @@ from .test_bundle import RIG, seen_by, world
 SIGMA = 0.8, 0.4
 
 
-def sights(points=60, noise=0.5, seed=0, wild=0):
+def observations(points=60, noise=0.5, seed=0, wild=0):
     T, xyz = world(poses=2, points=points, seed=seed)
     seen = seen_by(T[1:], xyz, noise, seed, bearings=0.3)
     seen.uv[:wild] += 60
@@ -31,24 +31,24 @@ def as_observations(seen):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("wild", [0, 15])
 def test_it_is_the_pose_of_bundle_adjustment(seed, wild):
-    T, xyz, seen = sights(seed=seed, wild=wild)
+    T, xyz, seen = observations(seed=seed, wild=wild)
     start = T.copy()
     start[:3, 3] += 0.2
     start[:3, :3] = start[:3, :3] @ Rotation.from_rotvec([0.02, -0.05, 0.03]).as_matrix()
     ours = fit_pose(RIG, start, xyz, seen, SIGMA)
-    other = adjust(RIG, start[None], xyz, as_observations(seen), move_points=False, most_steps=10)
+    other = adjust(RIG, start[None], xyz, as_observations(seen), move_points=False, max_steps=10)
     np.testing.assert_allclose(ours.T_world_camera, other.T_world_camera[0], atol=1e-9)
     np.testing.assert_allclose(ours.distance, other.distance, rtol=1e-6, atol=1e-7)
 
 
 def test_exact_sights_give_the_exact_pose():
-    T, xyz, seen = sights(noise=0.0)
+    T, xyz, seen = observations(noise=0.0)
     found = fit_pose(RIG, np.eye(4), xyz, seen, SIGMA)
     np.testing.assert_allclose(found.T_world_camera, T, atol=1e-8)
 
 
 def test_its_equations_are_the_derivatives_of_the_cost():
-    T, xyz, seen = sights(noise=0.5)
+    T, xyz, seen = observations(noise=0.5)
     T = inverse(T)
 
     def cost(step):
@@ -66,7 +66,7 @@ def test_its_equations_are_the_derivatives_of_the_cost():
 
 
 def test_its_covariance_is_the_spread_of_repeated_fits():
-    T, xyz, _ = sights()
+    T, xyz, _ = observations()
     clean = seen_by(T[None], xyz)
     rng, found = np.random.default_rng(0), []
     for _ in range(300):
@@ -79,7 +79,7 @@ def test_its_covariance_is_the_spread_of_repeated_fits():
 
 
 def test_points_behind_are_infinitely_far_off():
-    T, xyz, seen = sights()
+    T, xyz, seen = observations()
     xyz[3] = T[:3, 3] - 2 * T[:3, 2]
     found = fit_pose(RIG, T, xyz, seen, SIGMA)
     assert np.isinf(found.distance[3])
@@ -88,18 +88,18 @@ def test_points_behind_are_infinitely_far_off():
 
 
 def test_points_that_are_nowhere_fix_no_pose():
-    T, xyz, seen = sights()
-    with pytest.raises(GeometryError, match="the equations have no solution, expected points that fix a camera"):
+    T, xyz, seen = observations()
+    with pytest.raises(GeometryError, match="the equations have no solution, expected points that estimate a camera"):
         fit_pose(RIG, T, np.full_like(xyz, np.nan), np.nan * seen, SIGMA)
 
 
 def test_it_asks_nothing_of_bundle_adjustment_and_stops_where_it_has_settled(monkeypatch):
-    """Each step is one pass over the sights: more steps allowed are none taken."""
+    """Each step is one pass over the observations: more steps allowed are none taken."""
 
     monkeypatch.setattr(_least_squares, "reduce", None)
     passes, equations = [], _least_squares.pose_equations.py_func
     monkeypatch.setattr(_least_squares, "pose_equations", lambda *given: (passes.append(1), equations(*given))[1])
-    _, xyz, seen = sights(points=60)
+    _, xyz, seen = observations(points=60)
     T = np.eye(4)
     R, t, information, distance = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(len(xyz))
     weights = np.array(SIGMA) ** -2.0

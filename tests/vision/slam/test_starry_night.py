@@ -92,13 +92,13 @@ class WindowedMap:
         both = np.concatenate([older, moving])
         seen = self.recording.seen_in([self.frames[k] for k in both], landmarks)
         fixed = np.arange(len(both)) < len(older)
-        found = adjust(self.recording.rig, self.T[both], self.xyz, seen, fixed=fixed, most_steps=8)
+        found = adjust(self.recording.rig, self.T[both], self.xyz, seen, fixed=fixed, max_steps=8)
         self.T[both], self.xyz = found.T_world_camera, found.xyz
 
 
 def batch(recording, frames, T, xyz):
     """All keyframes and landmarks at once."""
-    return adjust(recording.rig, T, xyz, recording.seen_in(frames), most_steps=200)
+    return adjust(recording.rig, T, xyz, recording.seen_in(frames), max_steps=200)
 
 
 def errors(recording, frames, T, xyz):

@@ -12,7 +12,7 @@ from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.images import grey_levels, smooth_plane
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher, median_and_spread, survey_disparities
 from tspslam.vision.stereo.matches import supported
-from tspslam.vision.stereo.patches import Windows, refine, search, shift_rows, vertical_offsets
+from tspslam.vision.stereo.patches import Patches, refine, search, shift_rows, vertical_offsets
 from tspslam.vision.stereo.row_matcher import RowMatcher
 
 from ..conftest import noise
@@ -158,19 +158,19 @@ def test_search_finds_whole_shifts_in_both_directions() -> None:
     moved = np.roll(image, -9, axis=1)
     uv = np.array([[60.0, 50.0], [90.4, 70.0], [3.0, 3.0], [80.0, 119.0]])
     ranges = np.array([[0.0] * 4, [30.0] * 4])
-    disparity, score, rival = search(image, moved, uv, ranges, Windows())
+    disparity, score, rival = search(image, moved, uv, ranges, Patches())
     np.testing.assert_array_equal(disparity[:2], 9)
     assert (score[:2] > 0.99).all()
     assert (rival[:2] < 0.9).all()
     np.testing.assert_array_equal(score[2:], -1)
-    back, _, _ = search(moved, image, uv[:2] - (9, 0), -ranges[::-1, :2], Windows())
+    back, _, _ = search(moved, image, uv[:2] - (9, 0), -ranges[::-1, :2], Patches())
     np.testing.assert_array_equal(back, -9)
 
 
 def test_search_reports_the_window_correlation() -> None:
     image, other = noise(seed=1).astype(np.float32), noise(seed=2).astype(np.float32)
-    windows = Windows(radius=3, contrast=0.0)
-    _, score, _ = search(image, other, np.array([[60.0, 50.0]]), np.array([[12.0], [12.0]]), windows)
+    patches = Patches(radius=3, contrast=0.0)
+    _, score, _ = search(image, other, np.array([[60.0, 50.0]]), np.array([[12.0], [12.0]]), patches)
     offset = np.arange(-3, 4)
     weight = 1 / (1 + (offset[:, None] ** 2 + offset**2) / 9)
     cov = np.cov(image[47:54, 57:64].ravel(), other[47:54, 45:52].ravel(), aweights=weight.ravel(), ddof=0)
@@ -180,12 +180,12 @@ def test_search_reports_the_window_correlation() -> None:
 def test_refinement_rejects_flat_windows_and_runaways() -> None:
     flat = np.full((60, 80), 90, np.float32)
     uv = np.array([[40.0, 30.0]])
-    assert not refine(flat, flat, uv, np.zeros(1), Windows()).good.any()
+    assert not refine(flat, flat, uv, np.zeros(1), Patches()).good.any()
     image = smooth_plane(noise(60, 80))
-    assert refine(image, image, uv, np.full(1, 0.3), Windows()).good.all()
-    assert not refine(image, image, uv, np.full(1, 39.0), Windows()).good.any()
-    assert len(vertical_offsets(flat, flat, uv, np.zeros(1), Windows())) == 0
-    assert len(vertical_offsets(image, image, np.array([[1.0, 1.0]]), np.zeros(1), Windows())) == 0
+    assert refine(image, image, uv, np.full(1, 0.3), Patches()).good.all()
+    assert not refine(image, image, uv, np.full(1, 39.0), Patches()).good.any()
+    assert len(vertical_offsets(flat, flat, uv, np.zeros(1), Patches())) == 0
+    assert len(vertical_offsets(image, image, np.array([[1.0, 1.0]]), np.zeros(1), Patches())) == 0
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3, -0.5, 2.25, -3.75])
@@ -232,5 +232,5 @@ def test_limits_in_the_wrong_order_are_refused() -> None:
 
 @pytest.mark.parametrize(("name", "value"), [("radius", 0), ("radius", 16), ("contrast", -1.0), ("contrast", np.nan)])
 def test_window_settings_out_of_range_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"windows: {name} is"):
-        Windows(**{name: value})  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"patches: {name} is"):
+        Patches(**{name: value})  # type: ignore[arg-type]

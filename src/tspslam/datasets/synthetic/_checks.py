@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...types import FloatArray, real_array
 
 FARTHEST = 1e6  # m
-MOST_POSES = 100_000
+MAX_POSES = 100_000
 _T = TypeVar("_T")
 
 

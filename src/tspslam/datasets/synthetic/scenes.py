@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...types import FloatArray
-from ._checks import MOST_POSES, number, whole
+from ._checks import MAX_POSES, number, whole
 from .shapes import Scene, Shape, box, plane, pose_at, sphere, torus
 from .texture import Texture
 
@@ -111,8 +111,8 @@ def room(*, laps: float = 1.0, frames: int = 240, seed: int = 0) -> Scene:
     >>> room(frames=40).path.shape
     (40, 4, 4)
     """
-    frames = whole(frames, "room: frames", 8, MOST_POSES)
-    count = round(number(laps, "room: laps", 1 / frames, min(100, MOST_POSES / frames)) * frames)
+    frames = whole(frames, "room: frames", 8, MAX_POSES)
+    count = round(number(laps, "room: laps", 1 / frames, min(100, MAX_POSES / frames)) * frames)
     rng = _generator("room", 3, seed)
     walls = _walls(rng, 12.0, 9.0)
     things = _furniture(rng)
@@ -139,7 +139,7 @@ def still(frames: int = 200, *, depth: float = 3.0, seed: int = 0) -> Scene:
     >>> bool((still(3).path == np.eye(4)).all())
     True
     """
-    frames = whole(frames, "still: frames", 1, MOST_POSES)
+    frames = whole(frames, "still: frames", 1, MAX_POSES)
     depth = number(depth, "still: depth", 0.5, 1000, "m")
     rng, texel = _generator("still", 4, seed), depth / 500
     wall = plane(4 * depth, 4 * depth, texture=_random(rng, 0.5, 0.9, texel=texel), name="wall").at(0, 0, depth)
@@ -195,7 +195,7 @@ def _places(rng: np.random.Generator, first: float, last: float, least: float, m
 def _stations(name: str, length: float, step: float) -> tuple[float, FloatArray]:
     """Length of the path, and where along it a frame is taken."""
     length = number(length, f"{name}: length", _SHORTEST, _LONGEST, "m")
-    step = number(step, f"{name}: step", max(_SHORTEST, length / (MOST_POSES - 1)), length, "m")
+    step = number(step, f"{name}: step", max(_SHORTEST, length / (MAX_POSES - 1)), length, "m")
     count = int(length / step + 1e-9)
     return length, np.linspace(0, step * count, count + 1, dtype=np.float64)
 

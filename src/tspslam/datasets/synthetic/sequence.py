@@ -19,7 +19,7 @@ from ._checks import finite, instance, keep, number, refused, whole
 from .render import Geometry, Renderer
 from .shapes import Scene, pose_at
 
-_MOST_STOPS = 10.0
+_MAX_STOPS = 10.0
 
 PAPER_RIG = Rig(fx=387.77, fy=387.77, cx=257.446, cy=197.718, baseline=0.24, width=512, height=384)
 """The camera of the paper's data."""
@@ -80,8 +80,8 @@ class Faults:
 
 def _exposure(values: Any) -> float | tuple[float, ...]:
     if np.ndim(real_array(values, "faults: exposure", "a number, or one of each frame")) == 0:
-        return number(values, "faults: exposure", 0, _MOST_STOPS, "stops")
-    return tuple(finite(values, "faults: exposure", (None,), _MOST_STOPS).tolist())
+        return number(values, "faults: exposure", 0, _MAX_STOPS, "stops")
+    return tuple(finite(values, "faults: exposure", (None,), _MAX_STOPS).tolist())
 
 
 def _dropped(values: Any) -> tuple[int, ...]:

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...types import FloatArray, real_array
-from ._checks import FARTHEST, MOST_POSES, finite, instance, keep, label, number, refused, rigid, whole
+from ._checks import FARTHEST, MAX_POSES, finite, instance, keep, label, number, refused, rigid, whole
 from .texture import Texture
 
 _SMALLEST = 1e-6  # m
-_MOST_FACES = 2_000_000
-_MOST_VERTICES = 1_000_000  # of a ready shape
+_MAX_FACES = 2_000_000
+_MAX_VERTICES = 1_000_000  # of a ready shape
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Scene:
     def __post_init__(self) -> None:
         what = f"scene {label(self.name, 'scene: name')}"
         path = rigid(self.path, f"{what}: path", (None, 4, 4))
-        whole(len(path), f"{what}: number of poses", 1, MOST_POSES)
+        whole(len(path), f"{what}: number of poses", 1, MAX_POSES)
         keep(
             self,
             shapes=_shapes(self.shapes, what),
@@ -146,8 +146,8 @@ def _shapes(values: Any, what: str) -> tuple[Shape, ...]:
 def _faces(values: Any, what: str, count: int) -> NDArray[np.int64]:
     """Return a copy of triples of `count` vertices."""
     faces = real_array(values, f"{what}: faces", "(F, 3)")
-    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or len(faces) > _MOST_FACES:
-        raise InputError(f"{what}: faces are {faces.dtype} {faces.shape}, expected (F, 3) integers, F to {_MOST_FACES}")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or len(faces) > _MAX_FACES:
+        raise InputError(f"{what}: faces are {faces.dtype} {faces.shape}, expected (F, 3) integers, F to {_MAX_FACES}")
     if faces.size and not 0 <= faces.min() <= faces.max() < count:
         raise InputError(f"{what}: faces name vertices {faces.min()} to {faces.max()}, expected 0 to {count - 1}")
     return faces.astype(np.int64)
@@ -227,8 +227,8 @@ def torus(
     R, r = _positive(name, major=major, minor=minor)
     if r >= R:
         raise InputError(f"shape {name}: minor radius is {r:g} m, expected less than the major one, {R:g} m")
-    rows = whole(rows, f"shape {name}: rows", 3, _MOST_VERTICES // 3)
-    columns = whole(columns, f"shape {name}: columns", 3, _MOST_VERTICES // rows)
+    rows = whole(rows, f"shape {name}: rows", 3, _MAX_VERTICES // 3)
+    columns = whole(columns, f"shape {name}: columns", 3, _MAX_VERTICES // rows)
     a, b = _grid(rows, columns, 2 * np.pi, closed=True)
     ring = R + r * np.cos(a)
     corners = np.stack([ring * np.cos(b), ring * np.sin(b), r * np.sin(a)], axis=1)

@@ -15,7 +15,7 @@ from ._checks import keep, number, whole
 
 SIZE = 1024  # texels along a side of the leaves' tile
 _FINER = 2  # painted so much larger, then averaged
-_LEAST, _LARGEST = 3.0, SIZE / 8  # texels, half length of a leaf
+_MIN, _LARGEST = 3.0, SIZE / 8  # texels, half length of a leaf
 _COARSER = 4.3  # of the second layer
 
 
@@ -100,7 +100,7 @@ def leaves(seed: int) -> NDArray[np.float32]:
 
     side, count = SIZE * _FINER, 24_000
     rng = np.random.default_rng(seed)
-    inverse_square = rng.uniform(_LARGEST**-2, _LEAST**-2, count)  # density of sizes ~ size^-3
+    inverse_square = rng.uniform(_LARGEST**-2, _MIN**-2, count)  # density of sizes ~ size^-3
     size, angle = _FINER * inverse_square**-0.5, rng.uniform(0, np.pi, count)
     place, shape, grey = rng.uniform(0, side, (2, count)), rng.uniform(0.3, 1, count), rng.uniform(0.02, 0.98, count)
     is_round = rng.random(count) < 0.35

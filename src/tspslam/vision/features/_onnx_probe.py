@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..._files import one_line
 
 _LONGEST = 120.0  # s: a detector takes seconds on the slowest machine, loading included
-_MOST_MEMORY = 8 << 30  # bytes
+_MAX_MEMORY = 8 << 30  # bytes
 _DEEPEST = 100  # messages in each other; no protocol buffer goes deeper
 # Where tensors are, by the kind of message and the number of its field; from ONNX's onnx.proto.
 _PARTS: dict[str, dict[int, str]] = {
@@ -102,7 +102,7 @@ def _bound() -> None:
         return
     import resource
 
-    for kind, most in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_DATA, _MOST_MEMORY)):
+    for kind, most in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_DATA, _MAX_MEMORY)):
         hard = resource.getrlimit(kind)[1]
         resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 

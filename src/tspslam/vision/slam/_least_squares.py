@@ -178,7 +178,7 @@ def reduce(
         if not moving or not _invert(A, V[m]):
             V[m] = 0
     for i in range(S.shape[0]):
-        S[i, i] = S[i, i] * (1 + damping) + 1e-9  # what nothing fixes stays
+        S[i, i] = S[i, i] * (1 + damping) + 1e-9  # what nothing estimates stays
     if moving:
         _eliminate(pose, start, row, has_offset, S, b, W, V, g, U)
 
@@ -242,7 +242,7 @@ def points_step(
             step[m, i] = V[m, i, 0] * rest[0] + V[m, i, 1] * rest[1] + V[m, i, 2] * rest[2]
 
 
-_FIRST_DAMPING, _LEAST, _MOST = 1e-4, 1e-9, 1e8
+_FIRST_DAMPING, _MIN, _MAX = 1e-4, 1e-9, 1e8
 _ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
 
 
@@ -281,7 +281,7 @@ def _solve(S: Float64, b: Float64, damping: float, x: Float64) -> bool:
         for j in range(i + 1):
             value = S[i, j]
             if i == j:
-                value = value * (1 + damping) + 1e-9  # what nothing fixes stays
+                value = value * (1 + damping) + 1e-9  # what nothing estimates stays
             for k in range(j):
                 value -= L[i, k] * L[j, k]
             if i > j:
@@ -342,7 +342,7 @@ def improve_pose(
     for _ in range(steps):
         taken = np.inf
         solvable = False
-        while damping <= _MOST:
+        while damping <= _MAX:
             if _solve(S, b, damping, x):
                 solvable = True
                 _turned(R, t, x, R_new, t_new)
@@ -353,7 +353,7 @@ def improve_pose(
         if not taken <= cost:
             break
         R[:], t[:], S[:], b[:] = R_new, t_new, next_S, next_b
-        damping = max(damping / 10, _LEAST)
+        damping = max(damping / 10, _MIN)
         done, cost = cost - taken <= _ENOUGH * cost, taken
         if done:
             break

@@ -10,10 +10,10 @@ from ..._jit import inlined, kernel, reassociated_kernel
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-_LEAST_VARIANCE = np.float32(1.0)  # grey levels squared; below it a window has no texture
+_MIN_VARIANCE = np.float32(1.0)  # grey levels squared; below it a window has no texture
 _CONVERGED, _STEPS = 0.01, 12  # px; iterations
 _PLACES = 512  # of a sample between two pixels
-_LEAST_SHAPE = 0.02  # smaller eigenvalue of the normal matrix over the larger one, about
+_MIN_SHAPE = 0.02  # smaller eigenvalue of the normal matrix over the larger one, about
 
 
 @inlined
@@ -90,7 +90,7 @@ def _sample_shifted(image: Float32, u: float, v: float, taps: Float32, rows: Flo
 def _prepare(
     patch: Float32, contrast: float, weight: Float32, template: Float32, gu: Float32, gv: Float32, normal: Float64
 ) -> bool:
-    """Weights, centred template and gradients of a patch with a margin of 1 px; False where it fixes no place.
+    """Weights, centred template and gradients of a patch with a margin of 1 px; False where it estimates no place.
 
     `normal` receives the moments uu, uv, vv of the gradients and the variance of the template.
     """
@@ -128,7 +128,7 @@ def _prepare(
             vv += w * gv[a, b] * gv[a, b]
             tt += w * template[a, b] * template[a, b]
     normal[0], normal[1], normal[2], normal[3] = uu, uv, vv, tt
-    return bool(tt > _LEAST_VARIANCE and uu * vv - uv * uv > _LEAST_SHAPE * (uu + vv) * (uu + vv))
+    return bool(tt > _MIN_VARIANCE and uu * vv - uv * uv > _MIN_SHAPE * (uu + vv) * (uu + vv))
 
 
 @reassociated_kernel
@@ -180,7 +180,7 @@ def follow_level(
                 break
             mean, square, shared, along, over = _moments(flat[0], flat[1], flat[2], flat[3], flat[4])
             spread = square - mean * mean
-            if spread < _LEAST_VARIANCE or shared <= 0:
+            if spread < _MIN_VARIANCE or shared <= 0:
                 break
             gain = shared / spread
             a, b = gain * along - along0, gain * over - down0

@@ -14,7 +14,8 @@ from ...types import FloatArray, Rig
 from ..rig import project
 from ..se3 import inverse
 
-# Letters are lengths that must agree: t frames, k keyframes, s sights of landmarks, n landmarks, d words of each.
+# Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, d 64-bit
+# parts of a descriptor.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
@@ -26,17 +27,17 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "keyframe_pose": ("<f8", ("k", 4, 4)),
     "keyframe_is_start": ("|b1", ("k",)),
     "keyframe_has_image": ("|b1", ("k",)),
-    "keyframe_sights": ("<i8", ("k",)),
+    "keyframe_observations": ("<i8", ("k",)),
     "landmark": ("<i8", ("s",)),
     "uv": ("<f8", ("s", 2)),
     "disparity": ("<f8", ("s",)),
     "xyz": ("<f8", ("n", 3)),
-    "words": ("<u8", ("n", "d")),
+    "descriptors": ("<u8", ("n", "d")),
     "offset": ("<f8", (2,)),
-    "is_bent": ("|b1", ()),
+    "has_new_loop": ("|b1", ()),
 }
 _MAY_BE_NAN = frozenset({"disparity"})
-_NO_SIGHTS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
+_NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
 _LARGEST = 1e9  # of any value; positions in m
 _ORTHONORMAL = 1e-6  # off from a rotation
 _ROUNDING = 1e-6  # m per m, of a product of poses
@@ -44,8 +45,8 @@ _NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made
 _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
 # Of the image's width, in the median over a keyframe, from where its landmarks should be seen: runs have less than
 # 0.001, and 0.007 right after a frame was placed wrongly.
-_MOST_OFF = 0.1
-_MOST_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
+_MAX_OFF = 0.1
+_MAX_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -59,7 +60,7 @@ def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
         With the first thing that is wrong.
     """
     try:
-        fault = next(_faults(_NO_SIGHTS | dict(state), rig), None)
+        fault = next(_faults(_NO_OBSERVATIONS | dict(state), rig), None)
     except InputError as error:
         fault = str(error)
     if fault:
@@ -72,7 +73,7 @@ def _faults(state: Arrays, rig: Rig) -> Iterator[str]:
     check_shapes({name: state[name] for name in SCHEMA}, SCHEMA, {})
     yield from _wild_numbers(state, rig)
     yield from _wrong_numbers_of_frames(state, rig)
-    yield from _wrong_sights(state, rig)
+    yield from _wrong_observations(state, rig)
     yield from _broken_path(state, rig)
     yield from _landmarks_elsewhere(state, rig)
 
@@ -121,14 +122,14 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "more was lost or closed than there are frames"
 
 
-def _wrong_sights(state: Arrays, rig: Rig) -> Iterator[str]:
-    sights, landmark, count = state["keyframe_sights"], state["landmark"], len(state["xyz"])
-    if (sights < 0).any() or (sights > len(landmark)).any() or sights.sum() != len(landmark):
-        yield "keyframes do not share the sights"
+def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
+    observations, landmark, count = state["keyframe_observations"], state["landmark"], len(state["xyz"])
+    if (observations < 0).any() or (observations > len(landmark)).any() or observations.sum() != len(landmark):
+        yield "keyframes do not share the observations"
         return
     if landmark.size and not (landmark.min() >= 0 and landmark.max() < count):
         yield "a landmark is seen that is not there"
-    frame = np.repeat(np.arange(len(sights)), sights)
+    frame = np.repeat(np.arange(len(observations)), observations)
     if len(np.unique(frame * count + landmark)) < len(landmark):
         yield "a landmark is seen twice in a keyframe"
     u, v = state["uv"].T
@@ -152,7 +153,7 @@ def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
     """Keyframes half of whose landmarks, or their disparities, are far from where they were seen."""
     if not len(state["keyframe_pose"]):
         return
-    ends = np.cumsum(state["keyframe_sights"])[:-1]
+    ends = np.cumsum(state["keyframe_observations"])[:-1]
     columns = (np.split(state[name], ends) for name in ("landmark", "uv", "disparity"))
     for k, (T, landmark, uv, disparity) in enumerate(zip(state["keyframe_pose"], *columns, strict=True)):
         T_camera_world = inverse(T)
@@ -161,7 +162,7 @@ def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
         with np.errstate(divide="ignore"):
             expected = rig.fx * rig.baseline / points[:, 2] - rig.doffs + state["offset"][0]
         wide = np.abs(disparity - expected)[~np.isnan(disparity)]
-        if not (_are_within(off, _MOST_OFF * rig.width) and _are_within(wide, _MOST_WIDE * rig.width)):
+        if not (_are_within(off, _MAX_OFF * rig.width) and _are_within(wide, _MAX_WIDE * rig.width)):
             yield f"keyframe {k} does not see its landmarks where they are"
 
 

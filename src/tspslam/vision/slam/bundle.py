@@ -12,7 +12,7 @@ from ...types import BoolArray, FloatArray, Rig, real_array
 from ..se3 import inverse
 from .pose import lens_of
 
-_FIRST_DAMPING, _LEAST, _MOST = 1e-4, 1e-9, 1e8
+_FIRST_DAMPING, _MIN, _MAX = 1e-4, 1e-9, 1e8
 _ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
 
 
@@ -82,7 +82,7 @@ def adjust(
     fixed: BoolArray | None = None,
     move_points: bool = True,
     huber: float = 2.5,
-    most_steps: int = 20,
+    max_steps: int = 20,
     offset: float = 0.0,
     offset_sigma: float | None = None,
 ) -> Adjustment:
@@ -107,13 +107,13 @@ def adjust(
         Whether points are adjusted too.
     huber : float
         Standard deviations beyond which the cost is linear.
-    most_steps : int
+    max_steps : int
         Steps at most.
     offset : float
         Offset of all disparities to start from, measured less true, px.
     offset_sigma : float, optional
-        Find the offset too, which before the sights is 0 with this standard deviation, px. A camera that moves sees
-        it: near and far points then ask for different motions. By default it stays.
+        Find the offset too, which before the observations is 0 with this standard deviation, px. A camera that moves
+        sees it: near and far points then ask for different motions. By default it stays.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def adjust(
     """
     problem = _Problem(rig, T_world_camera, xyz, seen, fixed, move_points, huber)
     problem.set_offset(offset, offset_sigma)
-    return problem.solve(most_steps)
+    return problem.solve(max_steps)
 
 
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # R, t, X, lens
@@ -189,12 +189,12 @@ class _Problem:
         self.lens[7] = offset
         self.prior = 0.0 if sigma is None else sigma**-2.0
 
-    def solve(self, most_steps: int) -> Adjustment:
+    def solve(self, max_steps: int) -> Adjustment:
         state = self.R, self.t, self.X, self.lens
         before = cost = self._cost(state)
         damping, steps = _FIRST_DAMPING, 0
         count = 6 * int(self.row.max(initial=-1) + 1) + bool(self.prior)
-        for _ in range(most_steps if count or self.moving else 0):
+        for _ in range(max_steps if count or self.moving else 0):
             proposal, taken, damping = self._descend(state, cost, count, damping)
             if proposal is None:
                 break
@@ -208,15 +208,15 @@ class _Problem:
     def _descend(self, state: _State, cost: float, count: int, damping: float) -> tuple[_State | None, float, float]:
         """The first step, with more and more damping, that does not raise the cost; its cost; the next damping."""
         solvable = False
-        while damping <= _MOST:
+        while damping <= _MAX:
             proposal = self._propose(state, count, damping)
             if proposal is not None:
                 solvable, taken = True, self._cost(proposal)
                 if taken <= cost:
-                    return proposal, taken, max(damping / 10, _LEAST)
+                    return proposal, taken, max(damping / 10, _MIN)
             damping *= 10
         if not solvable:
-            raise GeometryError("bundle: the equations have no solution, expected observations that fix the poses")
+            raise GeometryError("bundle: the equations have no solution, expected observations that estimate the poses")
         return None, cost, damping
 
     def _propose(self, state: _State, count: int, damping: float) -> _State | None:
@@ -244,8 +244,8 @@ class _Problem:
         R, t, X, lens = state
         S, b = np.empty((count, count)), np.empty(count)
         parts = np.empty((len(self.pose), 6, 3)), np.empty((len(X), 3, 3)), np.empty_like(X), np.empty_like(X)
-        sights = self.pose, self.start, self.seen, self.information
-        reduce(lens, R, t, X, *sights, self.huber, damping, self.row, self.moving, S, b, *parts)
+        observations = self.pose, self.start, self.seen, self.information
+        reduce(lens, R, t, X, *observations, self.huber, damping, self.row, self.moving, S, b, *parts)
         if self.prior:
             S[-1, -1] += self.prior
             b[-1] -= self.prior * lens[7]

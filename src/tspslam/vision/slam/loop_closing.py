@@ -11,39 +11,41 @@ from ...types import BoolArray, FloatArray
 from ..images import Pyramid
 from ..rig import project
 from .map import Keyframe, Map
-from .relocalization import most_alike, reference_to, resected
-from .tracking import Fix, locate, refined
+from .relocalization import most_alike, reference_to, solve_pnp
+from .tracking import PoseEstimate, refine_pose, track_pose
 
-MOST_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
+MAX_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
 _TRIED = 2  # keyframes that a camera may have come back to
 _NEAR, _DRIFT = 0.3, 0.02  # m away per m of depth; m that a path drifts per m of the way
 _SLACK = 0.02  # m per m of depth that a path may have drifted without any way
 _ALIKE = np.cos(np.radians(40))  # of the angle between viewing directions
 _KNOWN = 0.3  # share of a keyframe's landmarks that are seen anyway: it is no news
-_LEAST_AGAIN = 30  # landmarks that prove a place
+_MIN_AGAIN = 30  # landmarks that prove a place
 _SAME = 1.0  # px between two landmarks, in u, v and disparity, that are one
 
 
 @dataclass(frozen=True)
-class SeenAgain:
+class LoopClosure:
     """A keyframe's landmarks in a new image.
 
     Attributes
     ----------
     place : int
         Which keyframe of the map.
-    fix : Fix
+    estimate : PoseEstimate
         Its landmarks, and the pose that they give, without disparities.
     drift : float
         How far off the camera's pose had them, median, px.
     """
 
     place: int
-    fix: Fix
+    estimate: PoseEstimate
     drift: float
 
 
-def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDArray[np.uint64]) -> SeenAgain | None:
+def detect_loop(
+    world: Map, image: Pyramid, estimate: PoseEstimate, uv: FloatArray, descriptors: NDArray[np.uint64]
+) -> LoopClosure | None:
     """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are followed.
 
     Parameters
@@ -52,36 +54,36 @@ def seen_again(world: Map, image: Pyramid, fix: Fix, uv: FloatArray, words: NDAr
         Keyframes and landmarks.
     image : Pyramid
         The new image.
-    fix : Fix
+    estimate : PoseEstimate
         Its pose, and the landmarks that are followed.
     uv : (N, 2) float64
         Its keypoints, px.
-    words : (N, D) uint64
+    descriptors : (N, D) uint64
         Their descriptors.
     """
     followed = np.zeros(len(world.xyz), np.bool_)
-    followed[fix.landmark] = True
-    for place, slack in [*places_near(world, fix, followed), *_places_before(world, words)]:
+    followed[estimate.landmark] = True
+    for place, slack in [*places_near(world, estimate, followed), *_places_before(world, descriptors)]:
         frame = world.keyframes[place]
-        T = resected(world.rig, uv, words, world.xyz[frame.landmark], world.words[frame.landmark])
+        T = solve_pnp(world.rig, uv, descriptors, world.xyz[frame.landmark], world.descriptors[frame.landmark])
         reference = reference_to(frame, ~followed[frame.landmark])
-        found = locate(world.rig, image, [reference], world.xyz, fix.T_world_camera if T is None else T)
-        if found is not None and len(found) >= _LEAST_AGAIN and _apart(found, fix) <= slack:
-            return SeenAgain(place, found, _drift(world, found, fix.T_world_camera))
+        found = track_pose(world.rig, image, [reference], world.xyz, estimate.T_world_camera if T is None else T)
+        if found is not None and len(found) >= _MIN_AGAIN and _apart(found, estimate) <= slack:
+            return LoopClosure(place, found, _drift(world, found, estimate.T_world_camera))
     return None
 
 
-def places_near(world: Map, fix: Fix, followed: BoolArray) -> list[tuple[int, float]]:
+def places_near(world: Map, estimate: PoseEstimate, followed: BoolArray) -> list[tuple[int, float]]:
     """Older keyframes near a camera and looking its way, whose landmarks it does not follow, the nearest first.
 
     Each with an image, and none from before the map began anew; and how far, in m, the path may have drifted since.
     """
-    T, count = fix.T_world_camera, len(world.keyframes) - world.window
+    T, count = estimate.T_world_camera, len(world.keyframes) - world.window
     if count <= 0:
         return []
     is_older = np.arange(count) >= _last_start(world)
     poses = np.array([frame.T_world_camera for frame in world.keyframes])
-    depth = float(np.median((world.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]))
+    depth = float(np.median((world.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
     steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     slack = _SLACK * depth + _DRIFT * np.cumsum(steps[::-1])[::-1][:count]
     away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
@@ -95,10 +97,10 @@ def _last_start(world: Map) -> int:
     return max((k for k, frame in enumerate(world.keyframes) if frame.is_start), default=0)
 
 
-def _places_before(world: Map, words: NDArray[np.uint64]) -> list[tuple[int, float]]:
+def _places_before(world: Map, descriptors: NDArray[np.uint64]) -> list[tuple[int, float]]:
     """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
     start = _last_start(world)
-    return [(k, np.inf) for k in most_alike(world.keyframes[:start], world, words)] if start else []
+    return [(k, np.inf) for k in most_alike(world.keyframes[:start], world, descriptors)] if start else []
 
 
 def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
@@ -107,39 +109,39 @@ def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
     return bool(followed[frame.landmark].mean() < _KNOWN)
 
 
-def _apart(one: Fix, other: Fix) -> float:
+def _apart(one: PoseEstimate, other: PoseEstimate) -> float:
     """How far two cameras are apart, m."""
     return float(np.linalg.norm((one.T_world_camera - other.T_world_camera)[:3, 3]))
 
 
-def _drift(world: Map, found: Fix, T: FloatArray) -> float:
+def _drift(world: Map, found: PoseEstimate, T: FloatArray) -> float:
     """How far a camera at T would see landmarks from where they are, median, px."""
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = project(world.rig, (world.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
     return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
 
 
-def joined(world: Map, again: Fix, fix: Fix) -> Fix:
-    """Both fixes as one: landmarks in the same place become one in the map, and all that agree give the pose.
+def merge_observations(world: Map, again: PoseEstimate, estimate: PoseEstimate) -> PoseEstimate:
+    """Both estimates as one: landmarks in the same place become one in the map, and all that agree give the pose.
 
     Disparities are as measured.
     """
     from scipy.spatial import cKDTree
 
-    places = np.column_stack([again.uv, again.disparity]), np.column_stack([fix.uv, fix.disparity])
+    places = np.column_stack([again.uv, again.disparity]), np.column_stack([estimate.uv, estimate.disparity])
     known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
     tree = cKDTree(places[0][known[0]])
     away, nearest = map(np.asarray, tree.query(places[1][known[1]], distance_upper_bound=_SAME))
     same = np.isfinite(away)
     others, first = known[1][same], known[0][nearest[same]]
-    world.fuse(again.landmark[first], fix.landmark[others])
-    rest = np.setdiff1d(np.arange(len(fix)), others)
+    world.merge_landmarks(again.landmark[first], estimate.landmark[others])
+    rest = np.setdiff1d(np.arange(len(estimate)), others)
     both = replace(
-        fix,
-        landmark=np.concatenate([again.landmark, fix.landmark[rest]]),
-        uv=np.concatenate([again.uv, fix.uv[rest]]),
-        disparity=np.concatenate([again.disparity, fix.disparity[rest]]),
+        estimate,
+        landmark=np.concatenate([again.landmark, estimate.landmark[rest]]),
+        uv=np.concatenate([again.uv, estimate.uv[rest]]),
+        disparity=np.concatenate([again.disparity, estimate.disparity[rest]]),
     )
     offset = world.offset.value
-    better = refined(world.rig, both, world.xyz, both.disparity - offset, world.sigma_disparity)
+    better = refine_pose(world.rig, both, world.xyz, both.disparity - offset, world.sigma_disparity)
     return replace(better, disparity=better.disparity + offset)

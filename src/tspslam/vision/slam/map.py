@@ -15,19 +15,19 @@ from ..images import Pyramid, grey_levels, pyramid
 from ..rig import back_project
 from ..se3 import inverse, normalised, repeated
 from .bundle import Adjustment, Observations, adjust
-from .tracking import SIGMA, Fix, Reference
+from .tracking import SIGMA, PoseEstimate, Reference
 
-_LEAST_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
-_LEAST_SHARED = 4  # landmarks in common that make an older keyframe hold the window
-_LEAST_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
+_MIN_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
+_MIN_SHARED = 4  # landmarks in common that make an older keyframe hold the window
+_MIN_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
 _APART = 12.0  # px between a new landmark and one that is followed
 _LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
 _CULLED = 10  # keyframes between cullings
-_MOST_IMAGES = 100e6  # bytes of the images of older keyframes
+_MAX_IMAGES = 100e6  # bytes of the images of older keyframes
 _SEEN_ENOUGH, _REDUNDANT = 3, 0.9  # other keyframes that see a landmark; share of such ones that makes a keyframe go
-_LEAST_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
+_MIN_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
 _CLOSE, _SAME_WAY, _SHARED = 0.1, np.cos(np.radians(15)), 0.3  # m per m of depth; angle; landmarks: of two alike
-_MOST_AT_ONCE = 500  # keyframes; their equations take 72 MB
+_MAX_AT_ONCE = 500  # keyframes; their equations take 72 MB
 _OUTLIER = 5.0  # standard deviations
 _STEPS = 8
 
@@ -76,16 +76,16 @@ class NewPoints:
         px.
     disparity : (N,) float64
         px; NaN where not known.
-    words : (N, D) uint64
+    descriptors : (N, D) uint64
         Descriptors.
     """
 
     uv: FloatArray
     disparity: FloatArray
-    words: NDArray[np.uint64]
+    descriptors: NDArray[np.uint64]
 
 
-class OffsetFilter:
+class DisparityBias:
     """The offset that all disparities have in common, measured less true, px: what the windows say, weighed.
 
     Windows share keyframes, so each counts for its share only. Before the first one the offset is 0 ± `sigma`.
@@ -143,10 +143,10 @@ class Map:
 
     def __init__(self, rig: Rig, *, window: int, sigma_disparity: float, sigma_offset: float) -> None:
         self.rig, self.window, self.sigma_disparity = rig, window, sigma_disparity
-        self.offset = OffsetFilter(sigma_offset, window)
+        self.offset = DisparityBias(sigma_offset, window)
         self.keyframes: list[Keyframe] = []
-        self.xyz, self.words = np.empty((0, 3)), np.empty((0, 4), np.uint64)
-        self.is_bent = False
+        self.xyz, self.descriptors = np.empty((0, 3)), np.empty((0, 4), np.uint64)
+        self.has_new_loop = False
         self.dropped: list[tuple[int, int, FloatArray]] = []
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -162,11 +162,11 @@ class Map:
             "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
             "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
             "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
-            "keyframe_sights": np.array([len(frame.landmark) for frame in frames], np.int64),
+            "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
             "xyz": self.xyz,
-            "words": self.words,
+            "descriptors": self.descriptors,
             "offset": np.array(self.offset.state),
-            "is_bent": np.array(self.is_bent),
+            "has_new_loop": np.array(self.has_new_loop),
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
@@ -174,12 +174,12 @@ class Map:
         shown = state["keyframe_has_image"]
         if not shown[-_LOOKED_FOR:].all() or shown.sum() > self._most_images():
             raise InputError("map: the state has too few or too many images, expected those of the last keyframes")
-        self.xyz, self.words = state["xyz"], state["words"]
-        self.offset.state, self.is_bent = tuple(state["offset"].tolist()), bool(state["is_bent"])
-        ends = np.cumsum(state["keyframe_sights"])
+        self.xyz, self.descriptors = state["xyz"], state["descriptors"]
+        self.offset.state, self.has_new_loop = tuple(state["offset"].tolist()), bool(state["has_new_loop"])
+        ends = np.cumsum(state["keyframe_observations"])
         self.keyframes = []
         for k, index in enumerate(state["keyframe_index"].tolist()):
-            rows = slice(ends[k] - state["keyframe_sights"][k], ends[k])
+            rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
             left = image_of(index) if shown[k] else None
             grey = None if left is None else np.array(grey_levels(left))
             image = pyramid(left) if left is not None and k >= len(ends) - _LOOKED_FOR else None
@@ -199,21 +199,25 @@ class Map:
         return found
 
     def add(
-        self, index: int, T_world_camera: FloatArray, images: tuple[Pyramid, NDArray[np.uint8]], fix: Fix | None,
-        new: NewPoints,
+        self, index: int, T_world_camera: FloatArray, images: tuple[Pyramid, NDArray[np.uint8]],
+        estimate: PoseEstimate | None, new: NewPoints,
     ) -> None:  # fmt: skip
         """Make a frame a keyframe: what it follows is seen again, its other points are new landmarks."""
-        old = fix or Fix(T_world_camera, np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6)))
+        old = estimate or PoseEstimate(
+            T_world_camera, np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6))
+        )
         rows = self._fresh(new, old.uv)
         T, corrected = T_world_camera, new.disparity[rows] - self.offset.value
         points = back_project(self.rig, new.uv[rows], corrected) @ T[:3, :3].T + T[:3, 3]
         born = len(self.xyz) + np.arange(len(rows))
         self.xyz = np.concatenate([self.xyz, points])
-        self.words = np.concatenate([self.words, new.words[rows]]) if self.keyframes else new.words[rows]
+        self.descriptors = (
+            np.concatenate([self.descriptors, new.descriptors[rows]]) if self.keyframes else new.descriptors[rows]
+        )
         landmark = np.concatenate([old.landmark, born])
         uv = np.concatenate([old.uv, new.uv[rows]])
         disparity = np.concatenate([old.disparity, new.disparity[rows]])
-        is_start = bool(self.keyframes) and fix is None
+        is_start = bool(self.keyframes) and estimate is None
         self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, is_start))
         self._let_go()
 
@@ -222,7 +226,7 @@ class Map:
         from scipy.spatial import cKDTree
 
         with np.errstate(invalid="ignore"):
-            rows = np.flatnonzero(new.disparity - self.offset.value + self.rig.doffs > _LEAST_TOTAL)
+            rows = np.flatnonzero(new.disparity - self.offset.value + self.rig.doffs > _MIN_TOTAL)
         if len(followed):
             away, _ = cKDTree(followed).query(new.uv[rows], distance_upper_bound=_APART)
             rows = rows[np.isinf(away)]
@@ -233,8 +237,8 @@ class Map:
         if len(self.keyframes) > _LOOKED_FOR:
             self._change(-_LOOKED_FOR - 1, image=None)
         if len(self.keyframes) % _CULLED == 0:
-            self._cull()
-            self._thin()
+            self._cull_landmarks()
+            self._cull_keyframes()
         if len(self.keyframes) > self._most_images():
             self._change(-self._most_images() - 1, grey=None)
 
@@ -242,15 +246,15 @@ class Map:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
 
     def _most_images(self) -> int:
-        return max(2 * self.window, int(_MOST_IMAGES / (self.rig.width * self.rig.height)))
+        return max(2 * self.window, int(_MAX_IMAGES / (self.rig.width * self.rig.height)))
 
-    def _cull(self) -> None:
+    def _cull_landmarks(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
         kept = self._counts() > 1
         for frame in self.keyframes[-self.window :]:
             kept[frame.landmark] = True
         number = np.cumsum(kept) - 1
-        self.xyz, self.words = self.xyz[kept], self.words[kept]
+        self.xyz, self.descriptors = self.xyz[kept], self.descriptors[kept]
         self._relabel(np.where(kept, number, -1))
 
     def _counts(self) -> NDArray[np.int64]:
@@ -267,7 +271,7 @@ class Map:
             rows = np.sort(first[landmark[first] >= 0])
             self._change(k, landmark=landmark[rows], uv=frame.uv[rows], disparity=frame.disparity[rows])
 
-    def _thin(self) -> None:
+    def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
 
         A keyframe goes if nine tenths of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an
@@ -276,12 +280,12 @@ class Map:
         counts, frames = self._counts(), self.keyframes
         stays = np.ones(len(frames), np.bool_)
         for k in self._seen_by_the_window():
-            heir = None if k == 0 or frames[k].is_start else self._heir(k, stays, counts)
-            if heir is not None:
+            replacement = None if k == 0 or frames[k].is_start else self._replacement(k, stays, counts)
+            if replacement is not None:
                 stays[k] = False
                 counts[frames[k].landmark] -= 1
-                T = inverse(frames[heir].T_world_camera) @ frames[k].T_world_camera
-                self.dropped.append((frames[k].index, frames[heir].index, T))
+                T = inverse(frames[replacement].T_world_camera) @ frames[k].T_world_camera
+                self.dropped.append((frames[k].index, frames[replacement].index, T))
         self.keyframes = [frame for frame, left in zip(frames, stays, strict=True) if left]
 
     def _seen_by_the_window(self) -> list[int]:
@@ -291,7 +295,7 @@ class Map:
             is_seen[frame.landmark] = True
         return [k for k, frame in enumerate(self.keyframes[: -self.window]) if is_seen[frame.landmark].any()]
 
-    def _heir(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
+    def _replacement(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
         """Which older keyframe can stand for one, if that can go."""
         frame = self.keyframes[k]
         if (counts[frame.landmark] > _SEEN_ENOUGH).sum() >= _REDUNDANT * len(frame.landmark):
@@ -307,13 +311,13 @@ class Map:
                 return other
         return None
 
-    def fuse(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
+    def merge_landmarks(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
         """Make each landmark of `other` one with that of `landmark`, which stays where it is."""
         number = np.arange(len(self.xyz))
         number[other] = landmark
         self._relabel(number)
 
-    def bend(self, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
+    def distribute_loop_error(self, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
         """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as keyframe number `place` knows.
 
         The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
@@ -322,7 +326,7 @@ class Map:
         since = self.keyframes[place:]
         centres = np.array([frame.T_world_camera[:3, 3] for frame in since] + [T_world_camera[:3, 3]])
         guessed = np.array([frame.is_start for frame in since[1:]] + [False])
-        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _LEAST_STEP))
+        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _MIN_STEP))
         born = np.full(len(self.xyz), place)
         for k in range(len(self.keyframes) - 1, -1, -1):
             born[self.keyframes[k].landmark] = max(k, place)
@@ -330,14 +334,14 @@ class Map:
             part = repeated(T, way[k - place - 1] / way[-1])
             self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera), is_start=False)
             self.xyz[born == k] = self.xyz[born == k] @ part[:3, :3].T + part[:3, 3]
-        self.is_bent = True
+        self.has_new_loop = True
 
     def adjustment(self) -> Callable[[], Adjustment] | None:
         """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
 
         Of a map that was bent, all keyframes but the first. It works on copies, so the map can be used meanwhile.
         """
-        if self.is_bent and len(self.keyframes) <= _MOST_AT_ONCE:
+        if self.has_new_loop and len(self.keyframes) <= _MAX_AT_ONCE:
             return self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
         moving = self.keyframes[-self.window :]
         if len(moving) < 2:
@@ -345,14 +349,14 @@ class Map:
         is_seen = np.zeros(len(self.xyz), np.bool_)
         is_seen[np.concatenate([frame.landmark for frame in moving])] = True
         points = np.flatnonzero(is_seen)
-        holding = [f for f in self.keyframes[: -self.window] if is_seen[f.landmark].sum() >= _LEAST_SHARED]
+        holding = [f for f in self.keyframes[: -self.window] if is_seen[f.landmark].sum() >= _MIN_SHARED]
         holding = holding or moving[:1]
         frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
         return self._problem(frames, points, len(holding))
 
     def adjust_whole(self) -> None:
         """Adjust all keyframes but the first, and all landmarks, at once; maps of very many keyframes stay."""
-        if 2 <= len(self.keyframes) <= _MOST_AT_ONCE:
+        if 2 <= len(self.keyframes) <= _MAX_AT_ONCE:
             work = self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
             if work is not None:
                 found = work()
@@ -365,7 +369,7 @@ class Map:
         pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
         counts = np.bincount(landmark, minlength=len(self.xyz))
         kept = points[counts[points] >= 2]
-        if len(kept) < _LEAST_POINTS:
+        if len(kept) < _MIN_POINTS:
             return None
         row = np.full(len(self.xyz), -1)
         row[kept] = np.arange(len(kept))
@@ -377,7 +381,7 @@ class Map:
         self._asked = frames, kept, pose, used
         T, xyz, fixed = np.stack([f.T_world_camera for f in frames]), self.xyz[kept], np.arange(len(frames)) < held
         offset, sigma = self.offset.value, self.offset.sigma
-        return lambda: adjust(self.rig, T, xyz, seen, fixed=fixed, most_steps=_STEPS, offset=offset, offset_sigma=sigma)
+        return lambda: adjust(self.rig, T, xyz, seen, fixed=fixed, max_steps=_STEPS, offset=offset, offset_sigma=sigma)
 
     def apply(self, found: Adjustment) -> None:
         """Take over what the last `adjustment` found, and drop outliers."""
@@ -389,6 +393,6 @@ class Map:
         parts = np.split(good, np.searchsorted(pose, np.arange(1, len(frames))))
         for frame, T, stays in zip(frames, found.T_world_camera, parts, strict=True):
             k = place[frame.index]
-            sights = {name: getattr(frame, name)[stays] for name in ("landmark", "uv", "disparity")}
-            self._change(k, T_world_camera=T, **sights)
+            observations = {name: getattr(frame, name)[stays] for name in ("landmark", "uv", "disparity")}
+            self._change(k, T_world_camera=T, **observations)
         self.offset.update(found.offset, found.offset_std)

@@ -20,14 +20,14 @@ from ..rig import check_pair
 from ..se3 import inverse, normalised, repeated
 from ..stereo.dense import checked_map, sample_map
 from ..stereo.mismatch import refuse_one_picture
-from ..stereo.reconstruct import Detector, Matcher, Stereo, see
+from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, level_rows, search_near
 from ._state import check_state
 from .bundle import Adjustment
-from .loop_closing import MOST_DRIFT, joined, seen_again
+from .loop_closing import MAX_DRIFT, detect_loop, merge_observations
 from .map import Map, NewPoints
-from .relocalization import binary_words, recognised
-from .tracking import LEAST_MATCHES, Fix, believed, is_clear, locate, refined
+from .relocalization import binary_descriptors, relocalize
+from .tracking import MIN_MATCHES, PoseEstimate, choose_pose, is_clear, refine_pose, track_pose
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
 _KINDS = {int: "an integer", bool: "True or False"}
@@ -217,7 +217,7 @@ class Odometry:
         """
         check_state(state, self.rig)
         self.map.restore(state, image_of)
-        self._check_words(image_of)
+        self._check_descriptors(image_of)
         self._stamps = state["stamps"].tolist()
         self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
         self._pose, self._motion = state["poses"]
@@ -226,14 +226,14 @@ class Odometry:
         if asked:  # what was under way began from this very map
             self._ask()
 
-    def _check_words(self, image_of: Callable[[int], Image]) -> None:
-        """Refuse landmarks whose words are not as long as those of the detector's features."""
+    def _check_descriptors(self, image_of: Callable[[int], Image]) -> None:
+        """Refuse landmarks whose descriptors are not as long as those of the detector's features."""
         if self.map.keyframes:
             features = self._detect(grey_levels(image_of(self.map.keyframes[-1].index)))
-            expected = binary_words(features.descriptor).shape[1]
-            if self.map.words.shape[1] != expected:
-                found = self.map.words.shape[1]
-                raise InputError(f"odometry: the state has landmarks of {found} words, expected {expected}")
+            expected = binary_descriptors(features.descriptor).shape[1]
+            if self.map.descriptors.shape[1] != expected:
+                found = self.map.descriptors.shape[1]
+                raise InputError(f"odometry: the state has landmarks of {found} descriptors, expected {expected}")
 
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
@@ -270,56 +270,56 @@ class Odometry:
             self._join()
         self._watch.lap("wait")
         ahead = self._ahead(pair.stamp)
-        fix = self._locate(pair, image, ahead)
+        estimate = self._locate(pair, image, ahead)
         self._watch.lap("follow")
-        was_lost, self._lost = self._lost > 0, self._lost + 1 if fix is None else 0
-        pose = ahead if fix is None else fix.T_world_camera
+        was_lost, self._lost = self._lost > 0, self._lost + 1 if estimate is None else 0
+        pose = ahead if estimate is None else estimate.T_world_camera
         moved = ahead if was_lost else pose  # what was guessed says nothing of the motion since
         self._motion, self._pose = normalised(inverse(self._pose) @ moved), pose
-        stereo = self._grow(pair, image, fix) if self._wants_keyframe(fix, was_lost) else None
+        stereo = self._grow(pair, image, estimate) if self._wants_keyframe(estimate, was_lost) else None
         self._remember(pair.stamp)
-        covariance, matches = (np.full((6, 6), np.inf), 0) if fix is None else (fix.covariance, len(fix))
+        covariance, matches = (np.full((6, 6), np.inf), 0) if estimate is None else (estimate.covariance, len(estimate))
         is_keyframe = stereo is not None
-        return Tracked(self._pose, covariance, matches, is_keyframe, fix is None, stereo, self._watch.seconds)
+        return Tracked(self._pose, covariance, matches, is_keyframe, estimate is None, stereo, self._watch.seconds)
 
     def _begin(self, pair: StereoPair, image: Pyramid) -> Tracked:
         """Make the first frame the first keyframe."""
-        stereo = see(pair, self._detect, self._match)
+        stereo = match_stereo(pair, self._detect, self._match)
         self._watch.lap("points")
         self._add(pair, image, None, _new_points(stereo), stereo)
         self._remember(pair.stamp)
         return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo, self._watch.seconds)
 
-    def _locate(self, pair: StereoPair, image: Pyramid, ahead: FloatArray) -> Fix | None:
+    def _locate(self, pair: StereoPair, image: Pyramid, ahead: FloatArray) -> PoseEstimate | None:
         """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
         references, xyz = self.map.references(), self.map.xyz
-        fix = locate(self.rig, image, references, xyz, ahead)
+        estimate = track_pose(self.rig, image, references, xyz, ahead)
         is_motion_known = len(self._stamps) > 1 and self._lost == 0
-        if fix is None or not is_clear(fix, xyz, ahead if is_motion_known else None):
-            fix = believed(fix, self._recognise(pair, image), xyz)
-        if fix is None:
+        if estimate is None or not is_clear(estimate, xyz, ahead if is_motion_known else None):
+            estimate = choose_pose(estimate, self._relocalize(pair, image), xyz)
+        if estimate is None:
             return None
-        disparity = self._disparities(pair, image, fix) - self.map.offset.value
-        better = refined(self.rig, fix, xyz, disparity, self.map.sigma_disparity)
-        return Fix(
+        disparity = self._disparities(pair, image, estimate) - self.map.offset.value
+        better = refine_pose(self.rig, estimate, xyz, disparity, self.map.sigma_disparity)
+        return PoseEstimate(
             better.T_world_camera, better.landmark, better.uv, better.disparity + self.map.offset.value,
             better.covariance,
         )  # fmt: skip
 
-    def _recognise(self, pair: StereoPair, image: Pyramid) -> Fix | None:
+    def _relocalize(self, pair: StereoPair, image: Pyramid) -> PoseEstimate | None:
         """Pose from descriptors alone, then from landmarks followed."""
         features = self._detect(grey_levels(pair.left))
-        return recognised(self.map, image, features.uv, binary_words(features.descriptor))
+        return relocalize(self.map, image, features.uv, binary_descriptors(features.descriptor))
 
-    def _disparities(self, pair: StereoPair, image: Pyramid, fix: Fix) -> FloatArray:
-        """Disparities of a fix's landmarks, near where the fix has them."""
+    def _disparities(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate) -> FloatArray:
+        """Disparities of a estimate's landmarks, near where the estimate has them."""
         if pair.disparity is not None:
-            return sample_map(checked_map("disparity", pair.disparity, self.rig), fix.uv)
-        T = fix.T_world_camera
-        depth = (self.map.xyz[fix.landmark] - T[:3, 3]) @ T[:3, 2]
+            return sample_map(checked_map("disparity", pair.disparity, self.rig), estimate.uv)
+        T = estimate.T_world_camera
+        depth = (self.map.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]
         guess = self.rig.fx * self.rig.baseline / depth - self.rig.doffs + self.map.offset.value
         planes = level_rows((image.levels[0], smooth_plane(pair.right)), self._row_offset)
-        return self._near(planes, fix.uv, guess)
+        return self._near(planes, estimate.uv, guess)
 
     def _ahead(self, stamp: float) -> FloatArray:
         """Pose at a stamp if the last motion goes on at its speed."""
@@ -329,48 +329,50 @@ class Odometry:
         share = (stamp - self._stamps[-1]) / last if last > 0 else 1.0
         return normalised(self._pose @ repeated(self._motion, min(share, _LONGEST)))
 
-    def _wants_keyframe(self, fix: Fix | None, was_lost: bool) -> bool:
+    def _wants_keyframe(self, estimate: PoseEstimate | None, was_lost: bool) -> bool:
         """Whether few of the last keyframe's landmarks are left, or a lost camera is found; or the map begins anew."""
-        if fix is None:
+        if estimate is None:
             return self._lost >= self.tracking.patience
-        return was_lost or len(fix) < self.tracking.keyframe_share * self._wanted
+        return was_lost or len(estimate) < self.tracking.keyframe_share * self._wanted
 
-    def _grow(self, pair: StereoPair, image: Pyramid, fix: Fix | None) -> Stereo | None:
+    def _grow(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate | None) -> Stereo | None:
         """Make a frame a keyframe, if its images show enough, and have the last ones adjusted."""
         self._join()
         self._watch.lap("wait")
         try:
-            stereo = see(pair, self._detect, self._match)
+            stereo = match_stereo(pair, self._detect, self._match)
         except GeometryError:
             return None
         self._watch.lap("points")
-        if np.isfinite(stereo.disparity).sum() < LEAST_MATCHES:
+        if np.isfinite(stereo.disparity).sum() < MIN_MATCHES:
             return None
         new = _new_points(stereo)
-        if fix is not None:
-            fix = self._revisit(pair, image, fix, new)
+        if estimate is not None:
+            estimate = self._revisit(pair, image, estimate, new)
             self._watch.lap("loops")
-        self._add(pair, image, fix, new, stereo)
+        self._add(pair, image, estimate, new, stereo)
         return stereo
 
-    def _revisit(self, pair: StereoPair, image: Pyramid, fix: Fix, new: NewPoints) -> Fix:
-        """The fix and what is seen again of places left long ago; where the map has drifted, it is bent into place."""
-        fix = replace(fix, T_world_camera=self._pose)
-        seen = seen_again(self.map, image, fix, new.uv, new.words)
+    def _revisit(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate, new: NewPoints) -> PoseEstimate:
+        """The estimate with what is seen again of old places; where the map has drifted, a loop is closed."""
+        estimate = replace(estimate, T_world_camera=self._pose)
+        seen = detect_loop(self.map, image, estimate, new.uv, new.descriptors)
         if seen is None:
-            return fix
-        again = replace(seen.fix, disparity=self._disparities(pair, image, seen.fix))
-        if seen.drift > MOST_DRIFT:
+            return estimate
+        again = replace(seen.estimate, disparity=self._disparities(pair, image, seen.estimate))
+        if seen.drift > MAX_DRIFT:
             T = normalised(again.T_world_camera @ inverse(self._pose))
-            self.map.bend(seen.place, T, self._pose)
+            self.map.distribute_loop_error(seen.place, T, self._pose)
             self._pose, self.loops = again.T_world_camera, self.loops + 1
-        fix = joined(self.map, again, replace(fix, T_world_camera=self._pose))
-        self._pose = fix.T_world_camera
-        return fix
+        estimate = merge_observations(self.map, again, replace(estimate, T_world_camera=self._pose))
+        self._pose = estimate.T_world_camera
+        return estimate
 
-    def _add(self, pair: StereoPair, image: Pyramid, fix: Fix | None, new: NewPoints, stereo: Stereo) -> None:
+    def _add(
+        self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate | None, new: NewPoints, stereo: Stereo
+    ) -> None:
         images = image, np.array(grey_levels(pair.left))
-        self.map.add(len(self._stamps), self._pose, images, fix, new)
+        self.map.add(len(self._stamps), self._pose, images, estimate, new)
         self._hand_over()
         self._wanted = len(self.map.keyframes[-1].landmark)
         self._row_offset = stereo.quality.vertical_offset_px
@@ -379,8 +381,10 @@ class Odometry:
     def _hand_over(self) -> None:
         """Frames that were placed by keyframes which are no more go to those that took over."""
         while self.map.dropped:
-            gone, heir, T = self.map.dropped.pop(0)
-            self._anchors = [(heir, T @ pose) if index == gone else (index, pose) for index, pose in self._anchors]
+            gone, replacement, T = self.map.dropped.pop(0)
+            self._anchors = [
+                (replacement, T @ pose) if index == gone else (index, pose) for index, pose in self._anchors
+            ]
 
     def _ask(self) -> None:
         """Have the last keyframes adjusted."""
@@ -394,11 +398,11 @@ class Odometry:
         asked, self._asked = self._asked, None
         try:
             found = asked.result()
-        except GeometryError:  # what was seen does not fix the keyframes: they stay
+        except GeometryError:  # what was seen does not estimate the keyframes: they stay
             self.unsolved += 1
             return
         finally:
-            self.map.is_bent = False
+            self.map.has_new_loop = False
         before = self._last_pose()
         self.map.apply(found)
         self._follow_map(before)
@@ -424,4 +428,4 @@ class Odometry:
 
 
 def _new_points(stereo: Stereo) -> NewPoints:
-    return NewPoints(stereo.left.uv, stereo.disparity, binary_words(stereo.left.descriptor))
+    return NewPoints(stereo.left.uv, stereo.disparity, binary_descriptors(stereo.left.descriptor))

@@ -10,7 +10,7 @@ from ..images import Plane, Pyramid
 
 _RADIUS, _CONTRAST = 5, 0.03
 _REACH = 4.0  # px at each level that a window may move
-_LEAST_SCORE = 0.8
+_MIN_SCORE = 0.8
 _WORTH = 150  # points that make a second thread worth its start
 
 
@@ -56,7 +56,7 @@ def follow(
             uv /= size
             _follow_level(planes, place / size, warp, uv, score)
             uv *= size
-    return uv, np.asarray(score >= _LEAST_SCORE)
+    return uv, np.asarray(score >= _MIN_SCORE)
 
 
 def _follow_level(

@@ -43,7 +43,7 @@ def fit_pose(
     sigma: tuple[float, float],
     *,
     huber: float = 2.5,
-    most_steps: int = 10,
+    max_steps: int = 10,
 ) -> PoseFit:
     """Find the pose that agrees best with where known points are seen: `bundle.adjust` of a single camera, compiled.
 
@@ -61,7 +61,7 @@ def fit_pose(
         Standard deviations of pixels and of disparities, px.
     huber : float
         Width of the Huber cost, standard deviations.
-    most_steps : int
+    max_steps : int
         Levenberg-Marquardt steps.
 
     Raises
@@ -85,7 +85,7 @@ def fit_pose(
     T = inverse(T_world_camera)
     R, t, information, distance = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(len(xyz))
     weights = np.array(sigma) ** -2.0
-    if not improve_pose(lens_of(rig), R, t, xyz, seen, weights, huber, most_steps, information, distance):
-        raise GeometryError("pose: the equations have no solution, expected points that fix a camera")
+    if not improve_pose(lens_of(rig), R, t, xyz, seen, weights, huber, max_steps, information, distance):
+        raise GeometryError("pose: the equations have no solution, expected points that estimate a camera")
     T[:3, :3], T[:3, 3] = R, t
     return PoseFit(inverse(T), information, distance)

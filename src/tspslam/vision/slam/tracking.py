@@ -15,18 +15,18 @@ from ..se3 import inverse
 from .patch_tracking import follow, warps
 from .pose import fit_pose
 
-LEAST_MATCHES = 15
+MIN_MATCHES = 15
 SIGMA = 0.3  # px, of a followed point
 _GATES = (6.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
-_LEAST_SHARE = 0.3  # of the followed points that must agree on a pose
+_MIN_SHARE = 0.3  # of the followed points that must agree on a pose
 # Shares of the landmarks in view that agree with a pose, from KITTI and EuRoC. Right ones: 0.35 to 0.6 at camera rate,
 # 0.27 and more at 5 m a frame, 0.1 and more seconds apart. Wrong ones, found near where the camera was not: up to 0.1.
 _CLEAR_SHARE = 0.25  # from which a pose needs no second opinion
-_LEAST_ALONE, LEAST_RECOGNISED = 0.12, 0.1  # that a pose needs; with descriptors that led there too
-_LEAST_STEADY = 0.05  # where the motion goes on as before, as behind an object that fills half of the view
+_MIN_ALONE, MIN_RECOGNISED = 0.12, 0.1  # that a pose needs; with descriptors that led there too
+_MIN_STEADY = 0.05  # where the motion goes on as before, as behind an object that fills half of the view
 _MANY_MORE = 3  # times the landmarks of the other pose: right poses had 4 and more times those of wrong ones
 _SAME = 0.02  # m per m of depth between two poses that are one
-_LEAST_DEPTH = 0.1  # m
+_MIN_DEPTH = 0.1  # m
 _NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
 _NOTHING = 1e-9 * np.eye(6)  # of information, so that all have an inverse
 
@@ -67,7 +67,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Fix:
+class PoseEstimate:
     """A pose, and the landmarks that agree with it.
 
     Attributes
@@ -102,9 +102,9 @@ class Fix:
         return len(self) / max(self.in_view, 1)
 
 
-def locate(
+def track_pose(
     rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T_guess: FloatArray
-) -> Fix | None:
+) -> PoseEstimate | None:
     """Find a camera's pose near a guess, from bearings; None where too few landmarks agree on one.
 
     Parameters
@@ -120,34 +120,36 @@ def locate(
     T_guess : (4, 4) float64
         ``T_world_camera`` to start from.
     """
-    rough = _located(rig, image, references, xyz, T_guess, _ROUGH)
-    return rough and _located(rig, image, references, xyz, rough.T_world_camera, _FINE)
+    rough = _track_level(rig, image, references, xyz, T_guess, _ROUGH)
+    return rough and _track_level(rig, image, references, xyz, rough.T_world_camera, _FINE)
 
 
-def refined(rig: Rig, fix: Fix, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float) -> Fix:
-    """The fix bettered by disparities of its landmarks; itself if too few agree."""
-    measured = replace(fix, disparity=disparity)
-    return _settled(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or fix
+def refine_pose(
+    rig: Rig, estimate: PoseEstimate, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float
+) -> PoseEstimate:
+    """The estimate bettered by disparities of its landmarks; itself if too few agree."""
+    measured = replace(estimate, disparity=disparity)
+    return _fit_robustly(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or estimate
 
 
-def is_clear(fix: Fix, xyz: FloatArray, T_ahead: FloatArray | None) -> bool:
+def is_clear(estimate: PoseEstimate, xyz: FloatArray, T_ahead: FloatArray | None) -> bool:
     """Whether a pose needs no second opinion: many landmarks agree, or some, and it is where a steady motion has it.
 
     Parameters
     ----------
-    fix : Fix
+    estimate : PoseEstimate
         The pose.
     xyz : (M, 3) float64
         All landmarks, m.
     T_ahead : (4, 4) float64 or None
         Pose that a steady motion leads to; None where the last motion is not known.
     """
-    if fix.share >= _CLEAR_SHARE:
+    if estimate.share >= _CLEAR_SHARE:
         return True
-    return fix.share >= _LEAST_STEADY and T_ahead is not None and _away(fix, T_ahead, xyz) <= _SAME
+    return estimate.share >= _MIN_STEADY and T_ahead is not None and _away(estimate, T_ahead, xyz) <= _SAME
 
 
-def believed(followed: Fix | None, recognised: Fix | None, xyz: FloatArray) -> Fix | None:
+def choose_pose(followed: PoseEstimate | None, recognised: PoseEstimate | None, xyz: FloatArray) -> PoseEstimate | None:
     """Which of two poses to believe: the one followed to from a guess, or the one that descriptors led to; or none.
 
     A camera that moved farther than windows are looked for finds a few landmarks near any guess, so a pose needs enough
@@ -155,30 +157,30 @@ def believed(followed: Fix | None, recognised: Fix | None, xyz: FloatArray) -> F
 
     Parameters
     ----------
-    followed, recognised : Fix or None
+    followed, recognised : PoseEstimate or None
         The two.
     xyz : (M, 3) float64
         All landmarks, m.
     """
     both = followed is not None and recognised is not None and _away(followed, recognised.T_world_camera, xyz) <= _SAME
-    if followed is not None and followed.share < (LEAST_RECOGNISED if both else _LEAST_ALONE):
+    if followed is not None and followed.share < (MIN_RECOGNISED if both else _MIN_ALONE):
         followed = None
-    if recognised is not None and recognised.share < LEAST_RECOGNISED:
+    if recognised is not None and recognised.share < MIN_RECOGNISED:
         recognised = None
     if followed is None or recognised is None:
         return recognised if followed is None else followed
     return recognised if len(recognised) >= _MANY_MORE * len(followed) else followed
 
 
-def _away(fix: Fix, T_world_camera: FloatArray, xyz: FloatArray) -> float:
+def _away(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
     """How far a pose is from another, m per m of depth of its landmarks in the median."""
-    depth = float(np.median(_of_camera(xyz, fix.landmark, fix.T_world_camera)[:, 2]))
-    return float(np.linalg.norm((T_world_camera - fix.T_world_camera)[:3, 3])) / depth
+    depth = float(np.median(_of_camera(xyz, estimate.landmark, estimate.T_world_camera)[:, 2]))
+    return float(np.linalg.norm((T_world_camera - estimate.T_world_camera)[:3, 3])) / depth
 
 
-def _located(
+def _track_level(
     rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, stage: _Stage
-) -> Fix | None:
+) -> PoseEstimate | None:
     """Follow what should be seen from a pose, and settle on a pose."""
     visible = [_visible(rig, reference, xyz, T) for reference in references]
     in_view = sum(map(len, visible))
@@ -188,9 +190,9 @@ def _located(
         for reference, rows in zip(references, visible, strict=True)
     ]
     uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    fix = Fix(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
-    settled = _settled(rig, xyz, fix, stage.sigma, 1.0, stage.gates)
-    return settled if settled and len(settled) >= _LEAST_SHARE * len(fix) else None
+    estimate = PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
+    settled = _fit_robustly(rig, xyz, estimate, stage.sigma, 1.0, stage.gates)
+    return settled if settled and len(settled) >= _MIN_SHARE * len(estimate) else None
 
 
 def _visible(rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray) -> NDArray[np.int64]:
@@ -198,7 +200,7 @@ def _visible(rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray) -> 
     before, now = (_of_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = before[:, 2] / now[:, 2]
-    alike = (now[:, 2] > _LEAST_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
+    alike = (now[:, 2] > _MIN_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
     return np.flatnonzero(alike & _inside(rig, project(rig, now)))
 
 
@@ -226,19 +228,25 @@ def _inside(rig: Rig, uv: FloatArray) -> BoolArray:
     return np.asarray(inside[:, 0] & inside[:, 1])
 
 
-def _settled(
-    rig: Rig, xyz: FloatArray, fix: Fix, sigma: float, sigma_disparity: float, gates: tuple[float, ...]
-) -> Fix | None:
+def _fit_robustly(
+    rig: Rig, xyz: FloatArray, estimate: PoseEstimate, sigma: float, sigma_disparity: float, gates: tuple[float, ...]
+) -> PoseEstimate | None:
     """Least squares on the pose, with fewer and fewer outliers."""
-    T, points, seen = fix.T_world_camera, xyz[fix.landmark], np.column_stack([fix.uv, fix.disparity])
-    left = np.arange(len(fix))
+    T, points, seen = (
+        estimate.T_world_camera,
+        xyz[estimate.landmark],
+        np.column_stack([estimate.uv, estimate.disparity]),
+    )
+    left = np.arange(len(estimate))
     for gate in gates:
-        if len(left) < LEAST_MATCHES:
+        if len(left) < MIN_MATCHES:
             return None
         found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity))
         T, left = found.T_world_camera, left[found.distance <= gate]
-    if len(left) < LEAST_MATCHES:
+    if len(left) < MIN_MATCHES:
         return None
-    found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity), most_steps=0)
+    found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity), max_steps=0)
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
-    return Fix(T, fix.landmark[left], fix.uv[left], fix.disparity[left], covariance, fix.in_view)
+    return PoseEstimate(
+        T, estimate.landmark[left], estimate.uv[left], estimate.disparity[left], covariance, estimate.in_view
+    )

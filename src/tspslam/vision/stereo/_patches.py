@@ -1,6 +1,6 @@
 """Compiled loops of matching: correlation along rows, sub-pixel alignment.
 
-Images are float32 planes in grey levels (0 to 255). All windows carry the support weights of `support_weights`.
+Images are float32 planes in grey levels (0 to 255). All patches carry the support weights of `support_weights`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Moments = tuple[np.float32, ...]
 
-_LEAST_VARIANCE = np.float32(1e-2)  # grey levels squared; below it a window has no texture
+_MIN_VARIANCE = np.float32(1e-2)  # grey levels squared; below it a patch has no texture
 
 
 @reassociated_kernel
 def support_weights(image: Float32, x: int, y: int, radius: int, contrast: float, weight: Float32) -> None:
-    """Fill `weight` with a window's weights, which sum to 1: near its centre in place and in grey level counts more.
+    """Fill `weight` with a patch's weights, which sum to 1: near its centre in place and in grey level counts more.
 
-    w = 1 / ((1 + (difference · contrast)²)(1 + (distance / radius)²)), so that a window at a depth edge leans on
+    w = 1 / ((1 + (difference · contrast)²)(1 + (distance / radius)²)), so that a patch at a depth edge leans on
     its centre's side.
     """
     centre = image[y, x]
@@ -43,7 +43,7 @@ def support_weights(image: Float32, x: int, y: int, radius: int, contrast: float
 def correlate(
     image: Float32, other: Float32, x: int, y: int, radius: int, begin: int, weight: Float32, sums: Float32
 ) -> None:
-    """Weighted correlation of one window with the windows of the other image centred at begin, begin + 1, ...
+    """Weighted correlation of one patch with the patches of the other image centred at begin, begin + 1, ...
 
     `sums` is (3, count) scratch; its first row receives the coefficients.
     """
@@ -64,9 +64,9 @@ def correlate(
                 sums[0, k] += weighted * part[k]
                 sums[1, k] += w * part[k]
                 sums[2, k] += w * part[k] * part[k]
-    variance = max(square - mean * mean, _LEAST_VARIANCE)
+    variance = max(square - mean * mean, _MIN_VARIANCE)
     for k in range(count):
-        other_variance = max(sums[2, k] - sums[1, k] * sums[1, k], _LEAST_VARIANCE)
+        other_variance = max(sums[2, k] - sums[1, k] * sums[1, k], _MIN_VARIANCE)
         sums[0, k] = (sums[0, k] - mean * sums[1, k]) / np.sqrt(variance * other_variance)
 
 
@@ -88,7 +88,7 @@ def peak_and_rival(scores: Float32) -> tuple[int, np.float32, np.float32]:
 def search_rows(
     image: Float32, other: Float32, xy: Int64, shift: Int64, radius: int, contrast: float, found: Float64
 ) -> None:
-    """Search the other image's row for the window around each pixel.
+    """Search the other image's row for the patch around each pixel.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ def search_rows(
     shift : (N, 2) int64
         First and last displacement x_other - x to try, px.
     radius : int
-        Half width of each window, px.
+        Half width of each patch, px.
     contrast : float
         Of the support weights, per grey level.
     found : (N, 3) float64
-        Receives the best displacement, its correlation and that of the best rival; correlation -1 where the window or
+        Receives the best displacement, its correlation and that of the best rival; correlation -1 where the patch or
         all of the range leaves the image.
     """
     height, width = image.shape
@@ -152,7 +152,7 @@ def moments(
     weight: Float32,
     strip: Float32,
 ) -> Moments:
-    """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a window; r is interpolated, g the mean gradient."""
+    """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a patch; r is interpolated, g the mean gradient."""
     side = 2 * radius + 1
     zero, quarter = np.float32(0), np.float32(0.25)  # half of two central differences, averaged
     ml, mr, mg, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
@@ -189,7 +189,7 @@ def solve_step(
     ll, lr, lg = sums[3] - ml * ml, sums[4] - ml * mr, sums[5] - ml * mg
     rr, rg, gg = sums[6] - mr * mr, sums[7] - mr * mg, sums[8] - mg * mg
     determinant = rr * gg - rg * rg
-    if ll < _LEAST_VARIANCE or rr < _LEAST_VARIANCE or determinant <= 1e-6 * rr * gg:
+    if ll < _MIN_VARIANCE or rr < _MIN_VARIANCE or determinant <= 1e-6 * rr * gg:
         return 0.0, 0.0, 0.0
     gain = (lr * gg - lg * rg) / determinant
     slope = (lg * rr - lr * rg) / determinant
@@ -256,7 +256,7 @@ def align_rows(
 def sample_window(
     image: Float32, column: int, row: int, taps_u: Float32, taps_v: Float32, rows: Float32, out: Float32
 ) -> None:
-    """Interpolate a square window whose first sample lies after (column, row), by six points in each direction."""
+    """Interpolate a square patch whose first sample lies after (column, row), by six points in each direction."""
     side = out.shape[0]
     for a in range(side + 5):
         line = image[row - 2 + a]
@@ -275,9 +275,7 @@ def sample_window(
 
 
 @inlined
-def window_normal(
-    left: Float32, window: Float32, x: int, y: int, radius: int, weight: Float32, normal: Float64
-) -> None:
+def window_normal(left: Float32, patch: Float32, x: int, y: int, radius: int, weight: Float32, normal: Float64) -> None:
     """Centred normal equations of l ≈ gain · r + a · g_u + b · g_v + offset, as the 4x4 moments of (r, g_u, g_v, l)."""
     mean = np.zeros(4)
     values = np.empty(4)
@@ -285,9 +283,9 @@ def window_normal(
     for dy in range(2 * radius + 1):
         for dx in range(2 * radius + 1):
             p, q, a, b = x - radius + dx, y - radius + dy, dy + 1, dx + 1
-            values[0] = window[a, b]
-            values[1] = 0.25 * (window[a, b + 1] - window[a, b - 1] + left[q, p + 1] - left[q, p - 1])
-            values[2] = 0.25 * (window[a + 1, b] - window[a - 1, b] + left[q + 1, p] - left[q - 1, p])
+            values[0] = patch[a, b]
+            values[1] = 0.25 * (patch[a, b + 1] - patch[a, b - 1] + left[q, p + 1] - left[q, p - 1])
+            values[2] = 0.25 * (patch[a + 1, b] - patch[a - 1, b] + left[q + 1, p] - left[q - 1, p])
             values[3] = left[q, p]
             for m in range(4):
                 mean[m] += weight[dy, dx] * values[m]
@@ -306,9 +304,9 @@ def determinant3(a: Float64, b: Float64, c: Float64) -> float:
 
 @inlined
 def plane_step(n: Float64) -> tuple[float, float, bool]:
-    """Steps in u and v from the moments of `window_normal`; False where the window does not fix both."""
+    """Steps in u and v from the moments of `window_normal`; False where the patch does not fix both."""
     whole = determinant3(n[:3, 0], n[:3, 1], n[:3, 2])
-    if whole <= 1e-4 * n[0, 0] * n[1, 1] * n[2, 2] or n[3, 3] < _LEAST_VARIANCE:
+    if whole <= 1e-4 * n[0, 0] * n[1, 1] * n[2, 2] or n[3, 3] < _MIN_VARIANCE:
         return 0.0, 0.0, False
     gain = determinant3(n[:3, 3], n[:3, 1], n[:3, 2]) / whole
     if gain < 0.1:
@@ -329,7 +327,7 @@ def align_plane(
     height, width = image.shape
     side = 2 * radius + 1
     weight = np.empty((side, side), np.float32)
-    window, rows = np.empty((side + 2, side + 2), np.float32), np.empty((side + 7, side + 2), np.float32)
+    patch, rows = np.empty((side + 2, side + 2), np.float32), np.empty((side + 7, side + 2), np.float32)
     taps_u, taps_v, normal = np.empty(6, np.float32), np.empty(6, np.float32), np.empty((4, 4))
     margin = radius + 1
     for i in range(xy.shape[0]):
@@ -347,8 +345,8 @@ def align_plane(
                 break
             lagrange_taps(u - p, taps_u)
             lagrange_taps(v - q, taps_v)
-            sample_window(other, column, row, taps_u, taps_v, rows, window)
-            window_normal(image, window, x, y, radius, weight, normal)
+            sample_window(other, column, row, taps_u, taps_v, rows, patch)
+            window_normal(image, patch, x, y, radius, weight, normal)
             du, dv, solved = plane_step(normal)
             if not solved:
                 break

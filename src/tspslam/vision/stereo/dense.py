@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..._checks import refuse_path
 from ...errors import GeometryError, InputError
 from ...types import Cloud, FloatArray, Rig
-from ..rig import LEAST_TOTAL, back_project, covariance, require_baseline
+from ..rig import MIN_TOTAL, back_project, covariance, require_baseline
 
 _SMOOTH = 1.0  # px of disparity between neighbouring pixels; more is an edge, across which nothing is interpolated
 _FARTHEST_MEDIAN = 1000.0  # m; a map whose median lies beyond is in another unit
@@ -65,7 +65,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
         raise InputError(f"uv has shape {places.shape}, expected (N, 2)")
     if len(places) and not ((places >= 0) & (places <= (rig.width - 1, rig.height - 1))).all():
         raise InputError(f"uv holds places outside of {rig.width} x {rig.height} px, expected all inside the image")
-    found = sample_map(np.where(known + rig.doffs >= LEAST_TOTAL, known, np.nan), places)
+    found = sample_map(np.where(known + rig.doffs >= MIN_TOTAL, known, np.nan), places)
     rows = np.flatnonzero(np.isfinite(found))
     if len(rows) == 0:
         behind = " (values are negative: left and right look swapped)" if np.any(known + rig.doffs < 0) else ""

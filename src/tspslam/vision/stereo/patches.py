@@ -11,12 +11,12 @@ from ...types import BoolArray, FloatArray
 from .._parallel import in_halves
 from ..images import Plane
 
-_MOST_OFFSETS = 128  # matches that the vertical offset is measured on
+_MAX_OFFSETS = 128  # matches that the vertical offset is measured on
 
 
 @dataclass(frozen=True)
-class Windows:
-    """Size and weights of the square windows that are compared.
+class Patches:
+    """Size and weights of the square patches that are compared.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Windows:
 
     Examples
     --------
-    >>> Windows(radius=4).radius
+    >>> Patches(radius=4).radius
     4
     """
 
@@ -42,9 +42,9 @@ class Windows:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not 1 <= self.radius <= 15:
-            raise InputError(f"windows: radius is {self.radius}, expected 1 to 15")
+            raise InputError(f"patches: radius is {self.radius}, expected 1 to 15")
         if not 0 <= self.contrast <= 10:
-            raise InputError(f"windows: contrast is {self.contrast}, expected 0 to 10")
+            raise InputError(f"patches: contrast is {self.contrast}, expected 0 to 10")
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class Alignment:
     disparity : (N,) float64
         px.
     score : (N,) float64
-        Correlation of the aligned windows.
+        Correlation of the aligned patches.
     gain : (N,) float64
-        Contrast of the first window over that of the second.
+        Contrast of the first patch over that of the second.
     good : (N,) bool
         False where the iteration did not converge or ran away.
     """
@@ -108,9 +108,9 @@ def shift_rows(plane: Plane, offset: float) -> Plane:
 
 
 def search(
-    first: Plane, second: Plane, uv: FloatArray, ranges: FloatArray, windows: Windows
+    first: Plane, second: Plane, uv: FloatArray, ranges: FloatArray, patches: Patches
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Best disparity in whole pixels of the window around each point of the first image, along its row of the second.
+    """Best disparity in whole pixels of the patch around each point of the first image, along its row of the second.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def search(
         Points of the first image, px; rounded to whole pixels.
     ranges : (2, N) float64
         Smallest and largest ``u_first - u_second``, px.
-    windows : Windows
+    patches : Patches
         What to compare.
 
     Returns
@@ -135,16 +135,16 @@ def search(
     shift = np.column_stack([-np.ceil(ranges[1]), -np.floor(ranges[0])]).astype(np.int64)
     found = np.empty((len(xy), 3))
     in_halves(
-        lambda part: search_rows(first, second, xy[part], shift[part], windows.radius, windows.contrast, found[part]),
+        lambda part: search_rows(first, second, xy[part], shift[part], patches.radius, patches.contrast, found[part]),
         len(xy),
     )
     return -found[:, 0], found[:, 1], found[:, 2]
 
 
-def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, windows: Windows) -> Alignment:
+def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, patches: Patches) -> Alignment:
     """Disparity to a fraction of a pixel, by iterated least squares with affine brightness.
 
-    With l the first window and r the second, interpolated at the current disparity, and g the mean of their
+    With l the first patch and r the second, interpolated at the current disparity, and g the mean of their
     gradients along the row, ``l ≈ gain · (r + step · g) + offset`` is solved for the step until it vanishes (Lucas
     and Kanade 1981). Six-point interpolation keeps the result free of bias.
 
@@ -153,10 +153,10 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, windo
     first, second : (H, W) float32
         Smoothed planes.
     uv : (N, 2) float64
-        Points of the first image, px; windows are centred on the nearest pixel.
+        Points of the first image, px; patches are centred on the nearest pixel.
     start : (N,) float64
         Disparities ``u_first - u_second`` to start from, px.
-    windows : Windows
+    patches : Patches
         What to compare.
 
     Returns
@@ -168,14 +168,14 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, windo
     xy = np.rint(uv).astype(np.int64)
     found = np.empty((len(xy), 4))
     in_halves(
-        lambda part: align_rows(first, second, xy[part], -start[part], windows.radius, windows.contrast, found[part]),
+        lambda part: align_rows(first, second, xy[part], -start[part], patches.radius, patches.contrast, found[part]),
         len(xy),
     )
     return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
 
 
 def vertical_offsets(
-    first: Plane, second: Plane, uv: FloatArray, disparity: FloatArray, windows: Windows
+    first: Plane, second: Plane, uv: FloatArray, disparity: FloatArray, patches: Patches
 ) -> FloatArray:
     """``v_second - v_first`` of matches, by alignment in both directions, px.
 
@@ -183,11 +183,11 @@ def vertical_offsets(
     """
     from ._patches import align_plane
 
-    rows = np.arange(0, len(uv), max(1, -(-len(uv) // _MOST_OFFSETS)))
+    rows = np.arange(0, len(uv), max(1, -(-len(uv) // _MAX_OFFSETS)))
     xy = np.rint(uv[rows]).astype(np.int64)
     start, found = -disparity[rows], np.zeros((len(rows), 3))
     in_halves(
-        lambda part: align_plane(first, second, xy[part], start[part], windows.radius, windows.contrast, found[part]),
+        lambda part: align_plane(first, second, xy[part], start[part], patches.radius, patches.contrast, found[part]),
         len(rows),
     )
     offsets: FloatArray = found[found[:, 2] == 1, 1]

@@ -135,7 +135,7 @@ def reconstruct_with_quality(
     for value, what, such in ((detector, "detector", "OrbDetector()"), (matcher, "matcher", "RowMatcher()")):
         if value is not None:
             require_stage(value, what, such)
-    seen = see(pair, detector or OrbDetector(), _choose_matcher(matcher, max_disparity, preset))
+    seen = match_stereo(pair, detector or OrbDetector(), _choose_matcher(matcher, max_disparity, preset))
     return seen.cloud, seen.quality
 
 
@@ -161,7 +161,7 @@ class Stereo:
     quality: StereoQuality
 
 
-def see(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
+def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     """Detect on both images at a time, match, triangulate; errors as `reconstruct`."""
     check_pair(pair)
     if pair.disparity is not None:

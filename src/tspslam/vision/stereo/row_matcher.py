@@ -16,13 +16,13 @@ from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
 from .descriptor_matcher import check_limits, median_and_spread, survey_disparities
 from .matches import Matches as Matches
 from .matches import supported
-from .patches import Windows, refine, search, shift_rows, vertical_offsets
+from .patches import Patches, refine, search, shift_rows, vertical_offsets
 
 Planes = tuple[Plane, Plane]
 _LEVEL = 0.05  # px of vertical offset that do no harm
 _NEAR = 3.0  # px that a guess of a disparity may be off
-_WINDOWS = Windows()
-_BACK_WINDOWS = Windows(radius=6, contrast=0.1)
+_PATCHES = Patches()
+_BACK_PATCHES = Patches(radius=6, contrast=0.1)
 
 
 def level_rows(planes: Planes, offset: float) -> Planes:
@@ -72,9 +72,9 @@ class RowMatcher:
         Largest distance of two real descriptors, as a share of their length (norm).
     ratio : float
         A descriptor's distance must be less than this times that of the second nearest; at most 1.
-    windows : Windows
-        Size and weights of the windows compared from left to right.
-    back_windows : Windows
+    patches : Patches
+        Size and weights of the patches compared from left to right.
+    back_patches : Patches
         Those of the alignment from right to left; wider ones tell a match that only a depth edge holds.
     min_correlation : float
         Least correlation of an aligned match, below 1; a search may start from 0.1 less.
@@ -83,7 +83,7 @@ class RowMatcher:
     max_disagreement : float
         Largest difference of the disparities found from left to right and from right to left, px.
     max_gain : float
-        Largest ratio of a window's contrast gain to the median one, either way; at least 1.
+        Largest ratio of a patch's contrast gain to the median one, either way; at least 1.
 
     Raises
     ------
@@ -102,8 +102,8 @@ class RowMatcher:
     max_hamming: int = 64
     max_l2: float = 0.7
     ratio: float = 0.85
-    windows: Windows = _WINDOWS
-    back_windows: Windows = _BACK_WINDOWS
+    patches: Patches = _PATCHES
+    back_patches: Patches = _BACK_PATCHES
     min_correlation: float = 0.9
     uniqueness: float = 0.75
     max_disagreement: float = 0.6
@@ -147,7 +147,7 @@ class RowMatcher:
         disparity, score = self._refine(planes, left.uv, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
         kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
-        rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.windows))
+        rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.patches))
         return Matches(kept, partner[kept], disparity[kept], score[kept], offset + rest, spread)
 
     def _descriptors(self) -> DescriptorMatcher:
@@ -156,7 +156,7 @@ class RowMatcher:
 
     def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
         """Planes whose rows agree, and by how much the right one was moved, px."""
-        offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.windows))
+        offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.patches))
         return level_rows(planes, offset), offset if abs(offset) >= _LEVEL else 0.0
 
     def _search(
@@ -171,11 +171,11 @@ class RowMatcher:
         matched = partner >= 0
         about = 1.5 * left.scale + 1  # how far an octave's keypoints may be off
         ranges = np.where(matched, [guess - about, guess + about], np.reshape(limits, (2, 1)))
-        disparity, score, rival = search(*planes, left.uv, ranges, self.windows)
+        disparity, score, rival = search(*planes, left.uv, ranges, self.patches)
         clear = (score >= self.min_correlation - 0.1) & (matched | (1 - score <= self.uniqueness * (1 - rival)))
         lone = np.flatnonzero(clear & ~matched)
         uv_right = left.uv[lone] - np.column_stack([disparity[lone], np.zeros(len(lone))])
-        back = -search(planes[1], planes[0], uv_right, -ranges[::-1, lone], self.windows)[0]
+        back = -search(planes[1], planes[0], uv_right, -ranges[::-1, lone], self.patches)[0]
         clear[lone] = np.abs(back - disparity[lone]) <= 1
         return np.where(clear, disparity, np.nan)
 
@@ -196,7 +196,7 @@ class RowMatcher:
         (N,) float64
             px, measured in both directions; NaN where they do not agree or leave the matcher's limits.
         """
-        start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.windows)
+        start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.patches)
         found = self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
         low = -np.inf if self.min_disparity is None else self.min_disparity
         high = np.inf if self.max_disparity is None else self.max_disparity
@@ -206,10 +206,10 @@ class RowMatcher:
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
         disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
         rows = np.flatnonzero(np.isfinite(start))
-        forth = refine(*planes, uv[rows], start[rows], self.windows)
+        forth = refine(*planes, uv[rows], start[rows], self.patches)
         rows, forth = rows[forth.good], forth.where(forth.good)
         uv_right = uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
-        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_windows)
+        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_patches)
         agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
         alike = forth.score >= self.min_correlation
         gain = np.abs(np.log(forth.gain / np.median(forth.gain))) if len(rows) else forth.gain

@@ -12,7 +12,7 @@ from ..images import grey_levels, smooth_plane
 from .dense import sample_map
 from .descriptor_matcher import DescriptorMatcher, check_limits, median_and_spread, survey_disparities, widest_range
 from .matches import Matches
-from .patches import Windows, vertical_offsets
+from .patches import Patches, vertical_offsets
 
 _FARTHEST = 2000.0  # px
 _STEP = 16  # OpenCV's disparities come in sixteenths of a pixel, and their number in sixteens
@@ -65,7 +65,7 @@ class SgbmMatcher:
         found = sample_map(self.disparity_map(pair, low, high), left.uv)
         rows = np.flatnonzero(np.isfinite(found))
         planes = smooth_plane(pair.left), smooth_plane(pair.right)
-        median, spread = median_and_spread(vertical_offsets(*planes, left.uv[rows], found[rows], Windows()))
+        median, spread = median_and_spread(vertical_offsets(*planes, left.uv[rows], found[rows], Patches()))
         return Matches(rows, np.full(len(rows), -1), found[rows], np.ones(len(rows)), median, spread)
 
     def disparity_map(self, pair: StereoPair, low: float, high: float) -> FloatArray:

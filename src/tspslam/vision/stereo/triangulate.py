@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...types import BoolArray, Cloud, Features, FloatArray, Rig
-from ..rig import LEAST_TOTAL, back_project, covariance
+from ..rig import MIN_TOTAL, back_project, covariance
 from .matches import Matches
 
 PIXEL_SIGMA = 0.5  # px of standard deviation per unit of a keypoint's scale
@@ -51,7 +51,7 @@ def triangulate(rig: Rig, features: Features, matches: Matches) -> Cloud:
 
 def _in_front_and_inside(rig: Rig, uv: FloatArray, disparity: FloatArray) -> np.ndarray:
     inside = (uv >= 0).all(axis=1) & (uv <= (rig.width - 1, rig.height - 1)).all(axis=1)
-    return np.flatnonzero(inside & (disparity + rig.doffs >= LEAST_TOTAL))
+    return np.flatnonzero(inside & (disparity + rig.doffs >= MIN_TOTAL))
 
 
 def _best_on_pixel(uv: FloatArray, score: FloatArray) -> BoolArray:
