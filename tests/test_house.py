@@ -9,7 +9,19 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
-GROUND = {"_atomic", "_checks", "_files", "_jit", "_npz", "_stopwatch", "_text", "_yaml", "types", "errors"}
+GROUND = {
+    "_atomic",
+    "_checks",
+    "_files",
+    "_jit",
+    "_npz",
+    "_settings",
+    "_stopwatch",
+    "_text",
+    "_yaml",
+    "types",
+    "errors",
+}
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst draws it
     "__main__": {"cli"},
     "cli": {"run", "view", "session", "interop", "datasets", "io", "vision", "topology", "printing"} | GROUND,
@@ -30,6 +42,7 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst dr
     "types": {"_checks", "errors"},
     "_checks": {"errors"},
     "_jit": set(),
+    "_settings": {"errors"},
     "_stopwatch": set(),
     "errors": set(),
 }
