@@ -61,7 +61,7 @@ def check_settings(what: str, settings: Any) -> None:
     InputError
         With the first value that is wrong.
     """
-    hints = _hints(type(settings))
+    hints = _hints(type(settings))  # type: ignore[arg-type]
     for each in fields(settings):
         if "low" not in each.metadata:
             continue
