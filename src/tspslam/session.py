@@ -19,7 +19,8 @@ from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface, Trajectory
 from .vision.features.orb import OrbDetector
 from .vision.rig import require_baseline
-from .vision.slam.odometry import Odometry, Tracked, Tracking
+from .vision.slam.odometry import StereoOdometry, Tracking
+from .vision.slam.tracking import Tracked
 from .vision.stereo.reconstruct import Detector, Matcher, Stereo, StereoQuality, match_stereo
 from .vision.stereo.row_matcher import RowMatcher
 
@@ -240,7 +241,7 @@ class Session:
         self.settings = settings or Settings()
         require(self.settings, Settings, "settings")
         stages = self.settings
-        self.odometry = Odometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
+        self.odometry = StereoOdometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
         self._worker = ThreadPoolExecutor(1)
         self._busy: Future[Any] | None = None
         self._is_closed = False

@@ -18,7 +18,7 @@ from ..topology.crust import CrustSurface
 from ..topology.surface import pinched_vertices
 from ..types import Rig, StereoPair
 from ..vision.rig import doubts
-from ..vision.slam.odometry import Odometry
+from ..vision.slam.odometry import StereoOdometry as Odometry
 
 _LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
 _FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it

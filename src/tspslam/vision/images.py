@@ -1,17 +1,21 @@
-"""What stages want of an image: grey levels, a smoothed plane, a pyramid of it."""
+"""A pair as the stages want it: grey levels, smoothed planes and pyramids, each made once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..types import Image
+from ..errors import GeometryError, InputError
+from ..types import Image, StereoPair
+from .rig import check_pair
 
 Plane = NDArray[np.float32]
+SAME_PICTURE = "left and right show the same picture, expected two views of one scene"
 _TO_GREY_LEVELS = {"u1": 1.0, "u2": 1 / 257, "f4": 255.0, "f8": 255.0}
 _SMOOTHING = 0.6  # px; less lets the interpolation bias through, more blurs depth edges
 _LEVELS = 4
@@ -42,9 +46,13 @@ def grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
     >>> grey_levels(np.array([[[255, 0, 0]]], np.uint8)).tolist()
     [[76]]
     """
+    return _rounded(image, lambda: luminance_levels(image))
+
+
+def _rounded(image: NDArray[Any], luminance: Callable[[], Plane]) -> NDArray[np.uint8]:
     if image.ndim == 2 and image.dtype == np.uint8:
         return np.ascontiguousarray(image)
-    return np.rint(luminance_levels(image)).astype(np.uint8)
+    return np.rint(luminance()).astype(np.uint8)
 
 
 def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
@@ -107,9 +115,13 @@ def smooth_plane(image: NDArray[Any]) -> Plane:
     >>> float(smooth_plane(np.full((5, 5), 51, np.uint8))[2, 2])
     51.0
     """
+    return _smoothed(luminance_levels(image))
+
+
+def _smoothed(luminance: Plane) -> Plane:
     import cv2
 
-    plane: Plane = cv2.GaussianBlur(luminance_levels(image), (5, 5), _SMOOTHING)
+    plane: Plane = cv2.GaussianBlur(luminance, (5, 5), _SMOOTHING)
     return plane
 
 
@@ -127,16 +139,104 @@ class Pyramid:
 
 
 def pyramid(image: Image) -> Pyramid:
-    """Smooth an image and halve it while it is larger than a few windows.
+    """Smooth an image and halve it while it is larger than a few patches.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1].
+
+    Returns
+    -------
+    Pyramid
 
     Examples
     --------
     >>> [level.shape for level in pyramid(np.zeros((100, 200), np.uint8)).levels]
     [(100, 200), (50, 100)]
     """
+    return _halved(smooth_plane(image))
+
+
+def _halved(plane: Plane) -> Pyramid:
     import cv2
 
-    levels = [smooth_plane(image)]
+    levels = [plane]
     while len(levels) < _LEVELS and min(levels[-1].shape) >= _SMALLEST:
         levels.append(cv2.pyrDown(levels[-1]))
     return Pyramid(tuple(levels))
+
+
+@dataclass(frozen=True)
+class PreparedImage:
+    """One image of a pair in the forms that stages want; each is made once, when it is first asked for.
+
+    Attributes
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8, uint16, or float in [0, 1].
+    """
+
+    image: Image
+
+    @cached_property
+    def luminance(self) -> Plane:
+        """Luminance in grey levels, (H, W) float32."""
+        return luminance_levels(self.image)
+
+    @cached_property
+    def grey(self) -> NDArray[np.uint8]:
+        """Luminance rounded, (H, W) uint8: what detectors take."""
+        return _rounded(self.image, lambda: self.luminance)
+
+    @cached_property
+    def smooth(self) -> Plane:
+        """Luminance smoothed, (H, W) float32: what patches are compared on."""
+        return _smoothed(self.luminance)
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """The smoothed luminance in several sizes: what landmarks are tracked in."""
+        return _halved(self.smooth)
+
+
+@dataclass(frozen=True)
+class PreparedPair(StereoPair):
+    """A pair that was checked, each of its images prepared once for all stages."""
+
+    @cached_property
+    def left_image(self) -> PreparedImage:
+        """The left image."""
+        return PreparedImage(self.left)
+
+    @cached_property
+    def right_image(self) -> PreparedImage:
+        """The right image."""
+        return PreparedImage(self.right)
+
+
+def prepare(pair: StereoPair) -> PreparedPair:
+    """Check a pair, and give it a place for the forms of its images that stages share.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        The images; one that is prepared stays as it is.
+
+    Returns
+    -------
+    PreparedPair
+
+    Raises
+    ------
+    InputError
+        If the images do not fit each other or the rig (`check_pair`).
+    GeometryError
+        If left and right are the same picture, and no map of disparities stands in for the right one.
+    """
+    if isinstance(pair, PreparedPair):
+        return pair
+    check_pair(pair)
+    if pair.disparity is None and np.array_equal(pair.left, pair.right) and pair.left.min() < pair.left.max():
+        raise GeometryError(f"{pair.name}: {SAME_PICTURE}")
+    return PreparedPair(**{each.name: getattr(pair, each.name) for each in fields(StereoPair)})

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._checks import require
+from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import BoolArray, Camera, FloatArray, Image, RawRig, Rig
-from .._parallel import both
 from ..rig import LARGEST_AREA, check_image
 
 _LARGEST_TURN = 45.0  # degrees between the two cameras

@@ -1,4 +1,4 @@
-"""Compiled loops of bundle adjustment: normal equations with the points eliminated, back-substitution, cost.
+"""Compiled loops of least squares on poses and points: equations, elimination of points, Cholesky's factors, cost.
 
 A point X is seen by a camera at ``p = R X + t`` as (u, v, d): its pixel and its disparity. A step turns and moves the
 camera: ``δp = ω × p + υ``. Observations are sorted by point; those of disparity NaN are bearings. Disparities may have
@@ -242,10 +242,6 @@ def points_step(
             step[m, i] = V[m, i, 0] * rest[0] + V[m, i, 1] * rest[1] + V[m, i, 2] * rest[2]
 
 
-_FIRST_DAMPING, _MIN, _MAX = 1e-4, 1e-9, 1e8
-_ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
-
-
 @kernel
 def pose_equations(
     lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float, S: Float64,
@@ -326,43 +322,28 @@ def _turned(R: Float64, t: Float64, x: Float64, R_new: Float64, t_new: Float64) 
 
 
 @kernel
-def improve_pose(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float, steps: int,
-    S: Float64, distance: Float64,
-) -> bool:  # fmt: skip
-    """Improve the pose R, t in place by at most so many steps; False if the equations have no solution.
+def pose_step(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float, S: Float64,
+    b: Float64, damping: float, R_new: Float64, t_new: Float64, S_new: Float64, b_new: Float64,
+) -> float:  # fmt: skip
+    """Fill the pose after a damped step from R, t, and its equations; returns its cost, -1 if there is no solution."""
+    x = np.empty(6)
+    if not _solve(S, b, damping, x):
+        return -1.0
+    _turned(R, t, x, R_new, t_new)
+    return pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
 
-    `information` holds that of a pixel and of a disparity, px⁻². S (6, 6) receives the information of (ω, υ),
-    `distance` (M,) the length of each residual in standard deviations.
-    """
-    b, x, next_S, next_b = np.empty(6), np.empty(6), np.empty((6, 6)), np.empty(6)
-    R_new, t_new = np.empty((3, 3)), np.empty(3)
-    cost, damping = pose_equations(lens, R, t, X, seen, information, width, S, b), _FIRST_DAMPING
-    solvable = True
-    for _ in range(steps):
-        taken = np.inf
-        solvable = False
-        while damping <= _MAX:
-            if _solve(S, b, damping, x):
-                solvable = True
-                _turned(R, t, x, R_new, t_new)
-                taken = pose_equations(lens, R_new, t_new, X, seen, information, width, next_S, next_b)
-                if taken <= cost:
-                    break
-            damping *= 10
-        if not taken <= cost:
-            break
-        R[:], t[:], S[:], b[:] = R_new, t_new, next_S, next_b
-        damping = max(damping / 10, _MIN)
-        done, cost = cost - taken <= _ENOUGH * cost, taken
-        if done:
-            break
-    p, r = x[:3], x[3:]
+
+@kernel
+def distances(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, distance: Float64
+) -> None:
+    """Length of each residual (M,) in standard deviations; infinity where the point is behind the camera."""
+    p, r = np.empty(3), np.empty(3)
     for m in range(X.shape[0]):
         distance[m] = np.inf
         if residual(lens, R, t, X[m], seen[m], p, r):
             distance[m] = np.sqrt(square_of(r, information))
-    return solvable
 
 
 @reassociated_kernel

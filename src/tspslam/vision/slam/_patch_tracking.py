@@ -1,4 +1,4 @@
-"""Compiled loops of following: small windows of one image found again in another, in two dimensions."""
+"""Compiled loops of patch tracking: patches of one image found again in another, in two dimensions."""
 
 from __future__ import annotations
 
@@ -149,11 +149,11 @@ def _moments(
 
 
 @kernel
-def follow_level(
+def track_level(
     reference: Float32, current: Float32, place: Float64, warp: Float64, radius: int, contrast: float, reach: float,
     uv: Float64, score: Float64,
 ) -> None:  # fmt: skip
-    """Find windows of the reference around `place` (N, 2) again near `uv` (N, 2), which is improved in place.
+    """Find patches of the reference around `place` (N, 2) again near `uv` (N, 2), which is improved in place.
 
     Inverse compositional alignment (Baker and Matthews 2004) with gain and offset of brightness. `warp` (N, 2, 2)
     takes offsets in the current image to offsets in the reference. `score` (N,) receives the correlation, -1 where

@@ -1,8 +1,8 @@
-"""Whether the state of an odometry is one that it can have given: shapes, ranges, and that its parts agree."""
+"""The state of an odometry as arrays, and whether it is one that it can have given: shapes, ranges, agreement."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ..._npz import Arrays, check_shapes
 from ...errors import InputError
-from ...types import FloatArray, Rig
+from ...types import FloatArray, Image, Rig
+from ..images import grey_levels, pyramid
 from ..rig import project
 from ..se3 import inverse
+from .map import Keyframe, Map
 
-# Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, d 64-bit
-# parts of a descriptor.
+# Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
+# were merged, d 64-bit parts of a descriptor.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
@@ -32,8 +34,11 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "uv": ("<f8", ("s", 2)),
     "disparity": ("<f8", ("s",)),
     "xyz": ("<f8", ("n", 3)),
+    "landmark_id": ("<i8", ("n",)),
+    "next_id": ("<i8", ()),
+    "merged": ("<i8", ("r", 2)),
     "descriptors": ("<u8", ("n", "d")),
-    "offset": ("<f8", (2,)),
+    "bias": ("<f8", (2,)),
     "has_new_loop": ("|b1", ()),
 }
 _MAY_BE_NAN = frozenset({"disparity"})
@@ -47,6 +52,70 @@ _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera tha
 # 0.001, and 0.007 right after a frame was placed wrongly.
 _MAX_OFF = 0.1
 _MAX_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
+
+
+def map_state(map_: Map) -> dict[str, NDArray[Any]]:
+    """Collect all of a map but its images, as arrays.
+
+    Parameters
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+
+    Returns
+    -------
+    dict of arrays
+    """
+    frames = map_.keyframes
+    return map_.observations() | {
+        "keyframe_index": np.array([frame.index for frame in frames], np.int64),
+        "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
+        "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
+        "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
+        "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
+        "xyz": map_.xyz,
+        "descriptors": map_.descriptors,
+        "landmark_id": map_.landmark_id,
+        "next_id": np.array(map_.next_id),
+        "merged": map_.merged,
+        "has_new_loop": np.array(map_.has_new_loop),
+    }
+
+
+def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
+    """Make a map that of a state, once checked.
+
+    Parameters
+    ----------
+    map_ : Map
+        Changed.
+    state : dict of arrays
+        As `map_state` gave it.
+    image_of : callable
+        Left image of a frame by its number.
+
+    Raises
+    ------
+    InputError
+        If it asks for too few or too many images.
+    """
+    shown, last = state["keyframe_has_image"], map_.settings.references
+    if not shown[-last:].all() or shown.sum() > map_.max_images():
+        raise InputError("map: the state has too few or too many images, expected those of the last keyframes")
+    map_.xyz, map_.descriptors = state["xyz"], state["descriptors"]
+    map_.landmark_id, map_.next_id = state["landmark_id"], int(state["next_id"])
+    map_.merged = state["merged"]
+    map_.has_new_loop = bool(state["has_new_loop"])
+    ends = np.cumsum(state["keyframe_observations"])
+    map_.keyframes = []
+    for k, index in enumerate(state["keyframe_index"].tolist()):
+        rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
+        left = image_of(index) if shown[k] else None
+        grey = None if left is None else np.array(grey_levels(left))
+        image = pyramid(left) if left is not None and k >= len(ends) - last else None
+        landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
+        T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
+        map_.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -74,6 +143,7 @@ def _faults(state: Arrays, rig: Rig) -> Iterator[str]:
     yield from _wild_numbers(state, rig)
     yield from _wrong_numbers_of_frames(state, rig)
     yield from _wrong_observations(state, rig)
+    yield from _wrong_ids(state)
     yield from _broken_path(state, rig)
     yield from _landmarks_elsewhere(state, rig)
 
@@ -94,7 +164,7 @@ def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
     for name in ("anchored", "poses", "keyframe_pose"):
         if not _are_rigid(state[name]):
             yield f"array {name} holds a pose that is no rigid motion"
-    offset, information = state["offset"]
+    offset, information = state["bias"]
     if not (abs(offset) < rig.width and information > 0 and abs(state["row_offset"]) <= rig.height):
         yield "an offset is larger than the image"
 
@@ -137,6 +207,14 @@ def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a landmark is seen outside the image"
 
 
+def _wrong_ids(state: Arrays) -> Iterator[str]:
+    ids = state["landmark_id"]
+    if (np.diff(ids) <= 0).any() or (ids.size and not 0 <= ids[0] <= ids[-1] < state["next_id"]):
+        yield "numbers of landmarks do not ascend, or go beyond the next one"
+    if not ((state["merged"] >= 0) & (state["merged"] < state["next_id"])).all():
+        yield "a landmark was merged that never was"
+
+
 def _broken_path(state: Arrays, rig: Rig) -> Iterator[str]:
     if not len(state["stamps"]):
         return
@@ -160,7 +238,7 @@ def _landmarks_elsewhere(state: Arrays, rig: Rig) -> Iterator[str]:
         points = state["xyz"][landmark] @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
         off = np.linalg.norm(project(rig, points) - uv, axis=1)
         with np.errstate(divide="ignore"):
-            expected = rig.fx * rig.baseline / points[:, 2] - rig.doffs + state["offset"][0]
+            expected = rig.fx * rig.baseline / points[:, 2] - rig.doffs + state["bias"][0]
         wide = np.abs(disparity - expected)[~np.isnan(disparity)]
         if not (_are_within(off, _MAX_OFF * rig.width) and _are_within(wide, _MAX_WIDE * rig.width)):
             yield f"keyframe {k} does not see its landmarks where they are"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +12,16 @@ from numpy.typing import NDArray
 from ...errors import GeometryError, InputError
 from ...types import BoolArray, FloatArray, Rig, real_array
 from ..se3 import inverse
-from .pose import lens_of
 
-_FIRST_DAMPING, _MIN, _MAX = 1e-4, 1e-9, 1e8
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = (
+    1e-4,
+    1e-9,
+    1e8,
+)  # of the diagonal (Marquardt 1963)
 _ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
+
+
+State = TypeVar("State")
 
 
 @dataclass(frozen=True)
@@ -144,6 +152,85 @@ def adjust(
     return problem.solve(max_steps)
 
 
+@dataclass(frozen=True)
+class Descent(Generic[State]):
+    """Where `minimise` came to.
+
+    Attributes
+    ----------
+    state : object
+        The last state.
+    cost_before, cost : float
+        Of the first state and of the last.
+    steps : int
+        Steps taken.
+    """
+
+    state: State
+    cost_before: float
+    cost: float
+    steps: int
+
+
+def minimise(
+    what: str, state: State, cost_of: Callable[[State], float], propose: Callable[[State, float], State | None],
+    max_steps: int,
+) -> Descent[State]:  # fmt: skip
+    """Find a state of least cost by Levenberg-Marquardt steps; the cost never rises.
+
+    Parameters
+    ----------
+    what : str
+        What to call the problem in a message.
+    state : object
+        Where to start.
+    cost_of : callable
+        Cost of a state.
+    propose : callable
+        From a state and a damping to the state after a step; None if its equations have no solution.
+    max_steps : int
+        Steps at most.
+
+    Returns
+    -------
+    Descent
+
+    Raises
+    ------
+    GeometryError
+        If the equations of a step have no solution at any damping.
+    """
+    before = cost = cost_of(state)
+    damping, steps = _FIRST_DAMPING, 0
+    while steps < max_steps:
+        lower = _descend(what, state, cost, cost_of, propose, damping)
+        if lower is None:
+            break
+        state, taken, damping = lower
+        steps, is_enough, cost = steps + 1, cost - taken <= _ENOUGH * cost, taken
+        if is_enough:
+            break
+    return Descent(state, before, cost, steps)
+
+
+def _descend(
+    what: str, state: State, cost: float, cost_of: Callable[[State], float],
+    propose: Callable[[State, float], State | None], damping: float,
+) -> tuple[State, float, float] | None:  # fmt: skip
+    """The first step, with more and more damping, that does not raise the cost; its cost; the next damping."""
+    is_solvable = False
+    while damping <= _MAX_DAMPING:
+        proposal = propose(state, damping)
+        if proposal is not None:
+            is_solvable, taken = True, cost_of(proposal)
+            if taken <= cost:
+                return proposal, taken, max(damping / 10, _MIN_DAMPING)
+        damping *= 10
+    if not is_solvable:
+        raise GeometryError(f"{what}: the equations have no solution, expected observations that fix the poses")
+    return None
+
+
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # R, t, X, lens
 
 
@@ -190,34 +277,14 @@ class _Problem:
         self.prior = 0.0 if sigma is None else sigma**-2.0
 
     def solve(self, max_steps: int) -> Adjustment:
-        state = self.R, self.t, self.X, self.lens
-        before = cost = self._cost(state)
-        damping, steps = _FIRST_DAMPING, 0
         count = 6 * int(self.row.max(initial=-1) + 1) + bool(self.prior)
-        for _ in range(max_steps if count or self.moving else 0):
-            proposal, taken, damping = self._descend(state, cost, count, damping)
-            if proposal is None:
-                break
-            state, steps = proposal, steps + 1
-            done, cost = cost - taken <= _ENOUGH * cost, taken
-            if done:
-                break
-        self.R, self.t, self.X, self.lens = state
-        return self._adjustment(before, cost, steps, count)
-
-    def _descend(self, state: _State, cost: float, count: int, damping: float) -> tuple[_State | None, float, float]:
-        """The first step, with more and more damping, that does not raise the cost; its cost; the next damping."""
-        solvable = False
-        while damping <= _MAX:
-            proposal = self._propose(state, count, damping)
-            if proposal is not None:
-                solvable, taken = True, self._cost(proposal)
-                if taken <= cost:
-                    return proposal, taken, max(damping / 10, _MIN)
-            damping *= 10
-        if not solvable:
-            raise GeometryError("bundle: the equations have no solution, expected observations that estimate the poses")
-        return None, cost, damping
+        start = self.R, self.t, self.X, self.lens
+        steps = max_steps if count or self.moving else 0
+        found = minimise(
+            "bundle", start, self._cost, lambda state, damping: self._propose(state, count, damping), steps
+        )
+        self.R, self.t, self.X, self.lens = found.state
+        return self._adjustment(found, count)
 
     def _propose(self, state: _State, count: int, damping: float) -> _State | None:
         """Poses, points and lens after one step; None if the equations have no solution."""
@@ -270,7 +337,7 @@ class _Problem:
         total = cost(lens, R, t, X, self.pose, self.point, self.seen, self.information, self.huber)
         return float(total + self.prior * lens[7] ** 2)
 
-    def _adjustment(self, before: float, cost: float, steps: int, count: int) -> Adjustment:
+    def _adjustment(self, descent: Descent[_State], count: int) -> Adjustment:
         from ._least_squares import squares
 
         found = np.empty(len(self.pose))
@@ -280,7 +347,8 @@ class _Problem:
         T = np.tile(np.eye(4), (len(self.R), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.R, self.t
         std = self._offset_std(count) if self.prior else 0.0
-        return Adjustment(inverse(T), self.X, before, cost, distance, steps, float(self.lens[7]), std)
+        costs = descent.cost_before, descent.cost
+        return Adjustment(inverse(T), self.X, *costs, distance, descent.steps, float(self.lens[7]), std)
 
     def _offset_std(self, count: int) -> float:
         """Standard deviation of the offset: from the inverse of the reduced equations."""
@@ -296,6 +364,11 @@ def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
     from ._least_squares import solve_positive
 
     return b if solve_positive(S, b) and np.isfinite(b).all() else None
+
+
+def lens_of(rig: Rig) -> FloatArray:
+    """(fx, fy, cx, cy, skew, fx B, doffs, 0 for the offset): what the compiled loops know of a rig."""
+    return np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64)
 
 
 def _stays(fixed: BoolArray | None, count: int, moving: bool) -> BoolArray:

@@ -1,27 +1,88 @@
-"""Places seen before: which keyframes a camera may have come back to, and which of their landmarks it sees again."""
+"""Places seen before: where a lost camera is (relocalisation), which landmarks are seen again (loop closing)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..._settings import check_settings, setting
 from ...types import BoolArray, FloatArray
-from ..images import Pyramid
+from ..features.binary import Descriptors, match_descriptors, nearest_descriptors
+from ..images import Pyramid, pyramid
 from ..rig import project
+from ..se3 import normalised, repeated
 from .map import Keyframe, Map
-from .relocalization import most_alike, reference_to, solve_pnp
-from .tracking import PoseEstimate, refine_pose, track_pose
+from .pose import PoseEstimate, solve_pnp
+from .tracking import Reference, TrackingSettings, refine_pose, track_pose
 
-MAX_DRIFT = 1.0  # px, of old landmarks in the median: from there on the map is bent
-_TRIED = 2  # keyframes that a camera may have come back to
-_NEAR, _DRIFT = 0.3, 0.02  # m away per m of depth; m that a path drifts per m of the way
-_SLACK = 0.02  # m per m of depth that a path may have drifted without any way
-_ALIKE = np.cos(np.radians(40))  # of the angle between viewing directions
-_KNOWN = 0.3  # share of a keyframe's landmarks that are seen anyway: it is no news
-_MIN_AGAIN = 30  # landmarks that prove a place
-_SAME = 1.0  # px between two landmarks, in u, v and disparity, that are one
+_MIN_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """How places seen before are found.
+
+    Parameters
+    ----------
+    max_drift : float
+        Error of old landmarks in the image, in the median, from which a loop's error is distributed over the map.
+    candidates : int
+        Keyframes that a camera may have come back to, tried at each keyframe.
+    lost_candidates : int
+        Keyframes that a lost camera may be near.
+    sample : int
+        Descriptors of an image that say which keyframes it is like.
+    max_distance : float
+        Distance of a keyframe that a camera may have come back to, beside what the path may have drifted.
+    drift_rate : float
+        How far a path may drift, by the way it has come.
+    drift_slack : float
+        How far it may drift without any way.
+    max_angle : float
+        Angle between the viewing directions of the two.
+    known_share : float
+        Share of a keyframe's landmarks that are tracked anyway, from which it is no news.
+    min_landmarks : int
+        Landmarks that prove a place.
+    same_landmark : float
+        Distance of two observations, in u, v and disparity, of one landmark.
+    max_hamming : float
+        Largest distance of two descriptors, bits in 256.
+    ratio : float
+        A descriptor's distance must be at most this times that of the second nearest.
+    pnp_error : float
+        Largest distance of a landmark that agrees with a pose from descriptors.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> LoopSettings(min_landmarks=50).max_drift
+    1.0
+    """
+
+    max_drift: float = setting(1.0, 0, 100, unit="px", source="three times the standard deviation of a tracked point")
+    candidates: int = setting(2, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
+    lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
+    sample: int = setting(400, 1, 100_000, unit="descriptors", source="more change no choice on KITTI and EuRoC")
+    max_distance: float = setting(0.3, 0, 10, unit="m per m of depth", source="patches no longer look alike beyond")
+    drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="twice the largest RPE over 10 m on KITTI")
+    drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="a turn's error of 1 degree")
+    max_angle: float = setting(40.0, 0, 180, unit="degrees", source="half of a usual field of view")
+    known_share: float = setting(0.3, 0, 1, source="chosen by hand on a synthetic room")
+    min_landmarks: int = setting(30, 4, 10_000, unit="landmarks", source="twice what a pose needs")
+    same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="three standard deviations of a tracked point")
+    max_hamming: float = setting(64.0, 0, 256, unit="bits", source="as the matcher of the two images")
+    ratio: float = setting(0.85, 0, 1, source="as the matcher of the two images")
+    pnp_error: float = setting(4.0, 0.1, 100, unit="px", source="keypoints of coarse octaves are as far off")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_settings("tracking.loops", self)
 
 
 @dataclass(frozen=True)
@@ -43,105 +104,231 @@ class LoopClosure:
     drift: float
 
 
-def detect_loop(
-    world: Map, image: Pyramid, estimate: PoseEstimate, uv: FloatArray, descriptors: NDArray[np.uint64]
-) -> LoopClosure | None:
-    """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are followed.
+@dataclass(frozen=True)
+class PlaceRecognition:
+    """What it takes to find places again.
+
+    Attributes
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+    tracking : TrackingSettings
+        How landmarks are tracked, and when a pose is believed.
+    loops : LoopSettings
+        How places are found.
+    """
+
+    map_: Map
+    tracking: TrackingSettings
+    loops: LoopSettings
+
+    def relocalize(self, image: Pyramid, uv: FloatArray, descriptors: Descriptors) -> PoseEstimate | None:
+        """Find where a lost camera is: by its descriptors among the landmarks of one keyframe; None if of none.
+
+        The last keyframes are tried, then those whose landmarks the image shows most of.
+
+        Parameters
+        ----------
+        image : Pyramid
+            What the camera shows.
+        uv : (N, 2) float64
+            Its keypoints, px.
+        descriptors : (N, P) uint64
+            Theirs.
+
+        Returns
+        -------
+        PoseEstimate or None
+            Without disparities.
+        """
+        map_, last = self.map_, self.map_.references()
+        older = map_.keyframes[: -len(last)]
+        similar = [older[k] for k in self._most_similar(older, descriptors)]
+        for frame in [*map_.keyframes[: -len(last) - 1 : -1], *similar]:
+            T = self._solve_pnp(frame, uv, descriptors)
+            if T is not None:
+                own = [] if frame.image is not None else [_reference_to(frame, np.ones(len(frame.landmark), np.bool_))]
+                estimate = track_pose(map_.rig, image, own or last, map_.xyz, T, self.tracking)
+                if estimate is not None and estimate.share >= self.tracking.relocalized_share:
+                    return estimate
+        return None
+
+    def detect_loop(
+        self, image: Pyramid, estimate: PoseEstimate, uv: FloatArray, descriptors: Descriptors
+    ) -> LoopClosure | None:
+        """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are tracked.
+
+        Parameters
+        ----------
+        image : Pyramid
+            The new image.
+        estimate : PoseEstimate
+            Its pose, and the landmarks that are tracked.
+        uv : (N, 2) float64
+            Its keypoints, px.
+        descriptors : (N, P) uint64
+            Theirs.
+
+        Returns
+        -------
+        LoopClosure or None
+        """
+        map_ = self.map_
+        tracked = np.zeros(len(map_.xyz), np.bool_)
+        tracked[estimate.landmark] = True
+        for place, slack in [*self.places_near(estimate, tracked), *self._places_before(descriptors)]:
+            frame = map_.keyframes[place]
+            T = self._solve_pnp(frame, uv, descriptors)
+            T = estimate.T_world_camera if T is None else T
+            reference = _reference_to(frame, ~tracked[frame.landmark])
+            found = track_pose(map_.rig, image, [reference], map_.xyz, T, self.tracking)
+            if found is not None and len(found) >= self.loops.min_landmarks and _distance(found, estimate) <= slack:
+                return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
+        return None
+
+    def merge_observations(self, again: PoseEstimate, estimate: PoseEstimate, sigma_disparity: float) -> PoseEstimate:
+        """Join what a camera sees again to what it tracks: landmarks in the same place become one in the map.
+
+        Parameters
+        ----------
+        again, estimate : PoseEstimate
+            Landmarks seen again, and those that are tracked, all with disparities.
+        sigma_disparity : float
+            Standard deviation of a disparity, px.
+
+        Returns
+        -------
+        PoseEstimate
+            The landmarks of both that agree, and their pose.
+        """
+        from scipy.spatial import cKDTree
+
+        places = np.column_stack([again.uv, again.disparity]), np.column_stack([estimate.uv, estimate.disparity])
+        known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
+        tree, most = cKDTree(places[0][known[0]]), self.loops.same_landmark
+        away, nearest = map(np.asarray, tree.query(places[1][known[1]], distance_upper_bound=most))
+        is_same = np.isfinite(away)
+        others, first = known[1][is_same], known[0][nearest[is_same]]
+        self.map_.merge_landmarks(again.landmark[first], estimate.landmark[others])
+        rest = np.setdiff1d(np.arange(len(estimate)), others)
+        both = replace(
+            estimate,
+            landmark=np.concatenate([again.landmark, estimate.landmark[rest]]),
+            uv=np.concatenate([again.uv, estimate.uv[rest]]),
+            disparity=np.concatenate([again.disparity, estimate.disparity[rest]]),
+        )
+        return refine_pose(self.map_.rig, both, self.map_.xyz, both.disparity, sigma_disparity, self.tracking)
+
+    def places_near(self, estimate: PoseEstimate, tracked: BoolArray) -> list[tuple[int, float]]:
+        """Find older keyframes near a camera that look its way, and whose landmarks it does not track, nearest first.
+
+        Parameters
+        ----------
+        estimate : PoseEstimate
+            The camera.
+        tracked : (M,) bool
+            Landmarks that it tracks.
+
+        Returns
+        -------
+        list of (int, float)
+            Keyframes with an image, none from before the map began anew; and how far, in m, the path may have drifted
+            since.
+        """
+        map_, loops, T = self.map_, self.loops, estimate.T_world_camera
+        count = len(map_.keyframes) - map_.window
+        if count <= 0:
+            return []
+        is_older = np.arange(count) >= _last_start(map_)
+        poses = np.array([frame.T_world_camera for frame in map_.keyframes])
+        depth = float(np.median((map_.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
+        steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        slack = loops.drift_slack * depth + loops.drift_rate * np.cumsum(steps[::-1])[::-1][:count]
+        away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
+        looks_alike = poses[:count, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
+        near = is_older & (away <= loops.max_distance * depth + slack) & looks_alike
+        order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
+        return [(k, float(slack[k])) for k in order if self._is_news(map_.keyframes[k], tracked)][: loops.candidates]
+
+    def _places_before(self, descriptors: Descriptors) -> list[tuple[int, float]]:
+        """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
+        start = _last_start(self.map_)
+        return [(k, np.inf) for k in self._most_similar(self.map_.keyframes[:start], descriptors)] if start else []
+
+    def _is_news(self, frame: Keyframe, tracked: BoolArray) -> bool:
+        if frame.grey is None or not len(frame.landmark):
+            return False
+        return bool(tracked[frame.landmark].mean() < self.loops.known_share)
+
+    def _solve_pnp(self, frame: Keyframe, uv: FloatArray, descriptors: Descriptors) -> FloatArray | None:
+        """Pose from a keyframe's landmarks, by descriptors alone; None if too few agree."""
+        map_, loops = self.map_, self.loops
+        known = map_.descriptors[frame.landmark]
+        keypoint, row = match_descriptors(descriptors, known, max_hamming=loops.max_hamming, ratio=loops.ratio)
+        points, least = map_.xyz[frame.landmark[row]], self.tracking.min_matches
+        return solve_pnp(map_.rig, points, uv[keypoint], max_error=loops.pnp_error, min_matches=least)
+
+    def _drift(self, found: PoseEstimate, T: FloatArray) -> float:
+        """How far a camera at T would see landmarks from where they are, median, px."""
+        map_ = self.map_
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = project(map_.rig, (map_.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
+        return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
+
+    def _most_similar(self, frames: list[Keyframe], descriptors: Descriptors) -> list[int]:
+        """The keyframes with an image of whose landmarks most are the nearest to a sample of descriptors."""
+        map_, loops = self.map_, self.loops
+        sample = descriptors[:: max(1, len(descriptors) // loops.sample)]
+        is_seen = np.zeros(len(map_.xyz), np.bool_)
+        is_seen[nearest_descriptors(sample, map_.descriptors, max_hamming=loops.max_hamming)] = True
+        votes = np.array([is_seen[frame.landmark].sum() if frame.grey is not None else 0 for frame in frames], np.int64)
+        best = np.argsort(-votes, kind="stable")[: loops.lost_candidates].tolist()
+        return [k for k in best if votes[k] >= self.tracking.min_matches]
+
+
+def distribute_loop_error(map_: Map, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
+    """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as an older keyframe knows.
+
+    The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
+    step that was guessed takes almost all. The next adjustment is of the whole map.
 
     Parameters
     ----------
-    world : Map
-        Keyframes and landmarks.
-    image : Pyramid
-        The new image.
-    estimate : PoseEstimate
-        Its pose, and the landmarks that are followed.
-    uv : (N, 2) float64
-        Its keypoints, px.
-    descriptors : (N, D) uint64
-        Their descriptors.
+    map_ : Map
+        Keyframes and landmarks; changed.
+    place : int
+        Which keyframe of the map.
+    T : (4, 4) float64
+        The error of the loop.
+    T_world_camera : (4, 4) float64
+        The camera's pose before.
     """
-    followed = np.zeros(len(world.xyz), np.bool_)
-    followed[estimate.landmark] = True
-    for place, slack in [*places_near(world, estimate, followed), *_places_before(world, descriptors)]:
-        frame = world.keyframes[place]
-        T = solve_pnp(world.rig, uv, descriptors, world.xyz[frame.landmark], world.descriptors[frame.landmark])
-        reference = reference_to(frame, ~followed[frame.landmark])
-        found = track_pose(world.rig, image, [reference], world.xyz, estimate.T_world_camera if T is None else T)
-        if found is not None and len(found) >= _MIN_AGAIN and _apart(found, estimate) <= slack:
-            return LoopClosure(place, found, _drift(world, found, estimate.T_world_camera))
-    return None
+    since = map_.keyframes[place:]
+    centres = np.array([frame.T_world_camera[:3, 3] for frame in since] + [T_world_camera[:3, 3]])
+    guessed = np.array([frame.is_start for frame in since[1:]] + [False])
+    way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _MIN_STEP))
+    first_seen = np.full(len(map_.xyz), place)
+    for k in range(len(map_.keyframes) - 1, -1, -1):
+        first_seen[map_.keyframes[k].landmark] = max(k, place)
+    for k in range(place + 1, len(map_.keyframes)):
+        part = repeated(T, way[k - place - 1] / way[-1])
+        map_.change(k, T_world_camera=normalised(part @ map_.keyframes[k].T_world_camera), is_start=False)
+        moved = first_seen == k
+        map_.xyz[moved] = map_.xyz[moved] @ part[:3, :3].T + part[:3, 3]
+    map_.has_new_loop = True
 
 
-def places_near(world: Map, estimate: PoseEstimate, followed: BoolArray) -> list[tuple[int, float]]:
-    """Older keyframes near a camera and looking its way, whose landmarks it does not follow, the nearest first.
-
-    Each with an image, and none from before the map began anew; and how far, in m, the path may have drifted since.
-    """
-    T, count = estimate.T_world_camera, len(world.keyframes) - world.window
-    if count <= 0:
-        return []
-    is_older = np.arange(count) >= _last_start(world)
-    poses = np.array([frame.T_world_camera for frame in world.keyframes])
-    depth = float(np.median((world.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
-    steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    slack = _SLACK * depth + _DRIFT * np.cumsum(steps[::-1])[::-1][:count]
-    away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
-    near = is_older & (away <= _NEAR * depth + slack) & (poses[:count, :3, 2] @ T[:3, 2] >= _ALIKE)
-    order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
-    return [(k, float(slack[k])) for k in order if _is_news(world.keyframes[k], followed)][:_TRIED]
-
-
-def _last_start(world: Map) -> int:
+def _last_start(map_: Map) -> int:
     """Keyframe with which the map last began anew and that is not yet joined to the earlier ones; else 0."""
-    return max((k for k, frame in enumerate(world.keyframes) if frame.is_start), default=0)
+    return max((k for k, frame in enumerate(map_.keyframes) if frame.is_start), default=0)
 
 
-def _places_before(world: Map, descriptors: NDArray[np.uint64]) -> list[tuple[int, float]]:
-    """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
-    start = _last_start(world)
-    return [(k, np.inf) for k in most_alike(world.keyframes[:start], world, descriptors)] if start else []
-
-
-def _is_news(frame: Keyframe, followed: BoolArray) -> bool:
-    if frame.grey is None or not len(frame.landmark):
-        return False
-    return bool(followed[frame.landmark].mean() < _KNOWN)
-
-
-def _apart(one: PoseEstimate, other: PoseEstimate) -> float:
+def _distance(one: PoseEstimate, other: PoseEstimate) -> float:
     """How far two cameras are apart, m."""
     return float(np.linalg.norm((one.T_world_camera - other.T_world_camera)[:3, 3]))
 
 
-def _drift(world: Map, found: PoseEstimate, T: FloatArray) -> float:
-    """How far a camera at T would see landmarks from where they are, median, px."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        expected = project(world.rig, (world.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
-    return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
-
-
-def merge_observations(world: Map, again: PoseEstimate, estimate: PoseEstimate) -> PoseEstimate:
-    """Both estimates as one: landmarks in the same place become one in the map, and all that agree give the pose.
-
-    Disparities are as measured.
-    """
-    from scipy.spatial import cKDTree
-
-    places = np.column_stack([again.uv, again.disparity]), np.column_stack([estimate.uv, estimate.disparity])
-    known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
-    tree = cKDTree(places[0][known[0]])
-    away, nearest = map(np.asarray, tree.query(places[1][known[1]], distance_upper_bound=_SAME))
-    same = np.isfinite(away)
-    others, first = known[1][same], known[0][nearest[same]]
-    world.merge_landmarks(again.landmark[first], estimate.landmark[others])
-    rest = np.setdiff1d(np.arange(len(estimate)), others)
-    both = replace(
-        estimate,
-        landmark=np.concatenate([again.landmark, estimate.landmark[rest]]),
-        uv=np.concatenate([again.uv, estimate.uv[rest]]),
-        disparity=np.concatenate([again.disparity, estimate.disparity[rest]]),
-    )
-    offset = world.offset.value
-    better = refine_pose(world.rig, both, world.xyz, both.disparity - offset, world.sigma_disparity)
-    return replace(better, disparity=better.disparity + offset)
+def _reference_to(frame: Keyframe, wanted: BoolArray) -> Reference:
+    """Some landmarks of an older keyframe, to be tracked."""
+    assert frame.grey is not None
+    return Reference(pyramid(frame.grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])

@@ -1,35 +1,92 @@
-"""Keyframes and landmarks: the map that a camera is tracked against, adjusted as it grows."""
+"""Keyframes and landmarks: the map that a camera is tracked against."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...types import BoolArray, FloatArray, Image, Rig
-from ..images import Pyramid, grey_levels, pyramid
+from ..._settings import check_settings, setting
+from ...types import BoolArray, FloatArray, Rig
+from ..features.binary import Descriptors
+from ..images import Pyramid
 from ..rig import back_project
-from ..se3 import inverse, normalised, repeated
-from .bundle import Adjustment, Observations, adjust
-from .tracking import SIGMA, PoseEstimate, Reference
+from ..se3 import inverse
+from .bundle import Adjustment
+from .pose import PoseEstimate
+from .tracking import Reference
 
-_MIN_TOTAL = 1.5  # px of disparity + doffs: farther points are landmarks only once they come nearer
-_MIN_SHARED = 4  # landmarks in common that make an older keyframe hold the window
-_MIN_POINTS = 30  # landmarks seen twice, below which there is nothing to adjust
-_APART = 12.0  # px between a new landmark and one that is followed
-_LOOKED_FOR = 3  # last keyframes whose landmarks are looked for in a new image
-_CULLED = 10  # keyframes between cullings
-_MAX_IMAGES = 100e6  # bytes of the images of older keyframes
-_SEEN_ENOUGH, _REDUNDANT = 3, 0.9  # other keyframes that see a landmark; share of such ones that makes a keyframe go
-_MIN_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
-_CLOSE, _SAME_WAY, _SHARED = 0.1, np.cos(np.radians(15)), 0.3  # m per m of depth; angle; landmarks: of two alike
-_MAX_AT_ONCE = 500  # keyframes; their equations take 72 MB
-_OUTLIER = 5.0  # standard deviations
-_STEPS = 8
+
+@dataclass(frozen=True)
+class MapSettings:
+    """Which landmarks and keyframes the map keeps, and what is adjusted.
+
+    Parameters
+    ----------
+    min_total : float
+        Disparity + doffs of a new landmark; farther points become landmarks once they come nearer.
+    spacing : float
+        Distance of a new landmark from those that are tracked.
+    references : int
+        Last keyframes whose landmarks are looked for in a new image.
+    cull_every : int
+        Keyframes between cullings.
+    min_views : int
+        Other keyframes that see a landmark for it to count as seen by enough.
+    redundant_share : float
+        Share of such landmarks that makes a keyframe go.
+    twin_distance : float
+        Distance of two keyframes of which one can go, where they look the same way and share landmarks.
+    twin_angle : float
+        Angle between their viewing directions.
+    twin_share : float
+        Share of the landmarks of the one that the other sees.
+    image_bytes : float
+        Room for the images of older keyframes, in case the camera comes back.
+    min_shared : int
+        Landmarks in common with the window that make an older keyframe hold it in an adjustment.
+    min_points : int
+        Landmarks seen twice, below which nothing is adjusted.
+    max_keyframes : int
+        Keyframes that are adjusted at once; maps of more stay as the windows left them.
+    max_steps : int
+        Steps of an adjustment.
+    outlier : float
+        Standard deviations beyond which an observation is dropped after an adjustment.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> MapSettings(spacing=20).spacing
+    20
+    """
+
+    min_total: float = setting(1.5, 0, 1e3, unit="px", source="a fifth of the depth is unsure at 0.3 px")
+    spacing: float = setting(12.0, 1, 1e3, unit="px", source="patches of 11 px do not overlap")
+    references: int = setting(3, 1, 50, unit="keyframes", source="chosen by hand on KITTI's sequences")
+    cull_every: int = setting(10, 1, 1000, unit="keyframes", source="culling costs as much as a frame")
+    min_views: int = setting(3, 1, 100, unit="keyframes", source="Mur-Artal et al. 2015")
+    redundant_share: float = setting(0.9, 0, 1, source="Mur-Artal et al. 2015")
+    twin_distance: float = setting(0.1, 0, 10, unit="m per m of depth", source="chosen by hand on a synthetic room")
+    twin_angle: float = setting(15.0, 0, 180, unit="degrees", source="chosen by hand on a synthetic room")
+    twin_share: float = setting(0.3, 0, 1, source="chosen by hand on a synthetic room")
+    image_bytes: float = setting(100e6, 0, 1e12, unit="bytes", source="some 200 keyframes of KITTI")
+    min_shared: int = setting(4, 1, 1000, unit="landmarks", source="fewer do not fix a camera")
+    min_points: int = setting(30, 3, 10_000, unit="landmarks", source="twice what a pose needs")
+    max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="their equations take 72 MB")
+    max_steps: int = setting(8, 1, 100, unit="steps", source="windows of KITTI end after 3 to 5")
+    outlier: float = setting(5.0, 1, 100, unit="standard deviations", source="far beyond what noise gives")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_settings("tracking.map", self)
 
 
 @dataclass(frozen=True)
@@ -47,9 +104,9 @@ class Keyframe:
     grey : (H, W) uint8 or None
         Its left image, while there is room: in case the camera comes back.
     landmark : (K,) int64
-        Which landmarks.
+        Rows of the map's landmarks.
     uv : (K, 2) float64
-        Where, px.
+        Where it sees them, px.
     disparity : (K,) float64
         As measured, px; NaN where not known.
     is_start : bool
@@ -67,7 +124,7 @@ class Keyframe:
 
 
 @dataclass(frozen=True)
-class NewPoints:
+class Keypoints:
     """Keypoints that may become landmarks.
 
     Attributes
@@ -75,123 +132,142 @@ class NewPoints:
     uv : (N, 2) float64
         px.
     disparity : (N,) float64
-        px; NaN where not known.
-    descriptors : (N, D) uint64
-        Descriptors.
+        As measured, px; NaN where not known.
+    descriptors : (N, P) uint64
+        Binary descriptors.
     """
 
     uv: FloatArray
     disparity: FloatArray
-    descriptors: NDArray[np.uint64]
+    descriptors: Descriptors
 
 
-class DisparityBias:
-    """The offset that all disparities have in common, measured less true, px: what the windows say, weighed.
+@dataclass(frozen=True)
+class MapSnapshot:
+    """The map at one moment, apart from what it becomes; frames and landmarks go by numbers that stay.
 
-    Windows share keyframes, so each counts for its share only. Before the first one the offset is 0 ± `sigma`.
+    Attributes
+    ----------
+    landmark_id : (M,) int64
+        Numbers of the landmarks, ascending; a number is never given twice.
+    xyz : (M, 3) float64
+        Where they are, m.
+    keyframe : (K,) int64
+        Numbers of the frames that are keyframes, ascending.
+    T_world_camera : (K, 4, 4) float64
+        Their poses.
+    start : (K + 1,) int64
+        Observations of keyframe k are rows ``start[k]`` to ``start[k + 1]`` of what follows.
+    observed_id : (O,) int64
+        Which landmark.
+    uv : (O, 2) float64
+        Where, px.
+    disparity : (O,) float64
+        As measured, px; NaN where not known.
+    merged : (R, 2) int64
+        Numbers of landmarks that were found to be others, and of those, in the order of the finding.
     """
 
-    def __init__(self, sigma: float, window: int) -> None:
-        self.sigma, self._window = sigma, window
-        self.value, self._information = 0.0, sigma**-2.0
-
-    @property
-    def std(self) -> float:
-        """Its standard deviation, px."""
-        return float(self._information**-0.5)
-
-    def settle(self, offset: float, std: float) -> None:
-        """Take over what all keyframes together say."""
-        self.value, self._information = offset, std**-2.0
-
-    @property
-    def state(self) -> tuple[float, float]:
-        """Value and information."""
-        return self.value, self._information
-
-    @state.setter
-    def state(self, state: tuple[float, float]) -> None:
-        """Take them over."""
-        self.value, self._information = state
-
-    def update(self, offset: float, std: float) -> None:
-        """Weigh in what a window found, which began at the same 0 ± `sigma`."""
-        own = std**-2.0 - self.sigma**-2.0
-        if own <= 0:
-            return
-        measured, weight = offset * std**-2.0 / own, own / self._window
-        self._information += weight
-        self.value += (measured - self.value) * weight / self._information
+    landmark_id: NDArray[np.int64]
+    xyz: FloatArray
+    keyframe: NDArray[np.int64]
+    T_world_camera: FloatArray
+    start: NDArray[np.int64]
+    observed_id: NDArray[np.int64]
+    uv: FloatArray
+    disparity: FloatArray
+    merged: NDArray[np.int64]
 
 
 class Map:
     """Landmarks and the keyframes that saw them, in the frame of the first keyframe.
 
-    Disparities in the map are as measured; `offset` is taken off where they are used.
+    Arrays of landmarks are in the order of their numbers (`landmark_id`); rows move when landmarks are culled, numbers
+    stay. Disparities are as measured.
 
     Parameters
     ----------
     rig : Rig
-        The cameras.
+        The cameras; their `doffs` follow what the motion tells of the disparities (`DisparityBias`).
     window : int
-        Keyframes that are adjusted together; all older ones that see the same hold them.
-    sigma_disparity : float
-        Standard deviation of a disparity, px.
-    sigma_offset : float
-        Of the offset of all disparities before anything is seen, px.
+        Last keyframes that are adjusted together.
+    settings : MapSettings, optional
+        What is kept.
+
+    Attributes
+    ----------
+    keyframes : list of Keyframe
+        In order.
+    xyz : (M, 3) float64
+        Landmarks, m.
+    descriptors : (M, P) uint64
+        Theirs.
+    landmark_id : (M,) int64
+        Their numbers, ascending.
+    next_id : int
+        Number of the next landmark.
+    merged : (R, 2) int64
+        Numbers of landmarks that were found to be others, and of those, in the order of the finding.
+    has_new_loop : bool
+        Whether a loop was closed since the last adjustment: the next one is of the whole map.
+    dropped : list of (int, int, (4, 4) float64)
+        Keyframes that were culled and are not yet taken note of: frame, the one in its place, T_replacement_frame.
     """
 
-    def __init__(self, rig: Rig, *, window: int, sigma_disparity: float, sigma_offset: float) -> None:
-        self.rig, self.window, self.sigma_disparity = rig, window, sigma_disparity
-        self.offset = DisparityBias(sigma_offset, window)
+    def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
+        self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
         self.xyz, self.descriptors = np.empty((0, 3)), np.empty((0, 4), np.uint64)
+        self.landmark_id, self.next_id = np.empty(0, np.int64), 0
+        self.merged = np.empty((0, 2), np.int64)
         self.has_new_loop = False
         self.dropped: list[tuple[int, int, FloatArray]] = []
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """All of it but the images, as arrays."""
-        frames = self.keyframes
-        columns = {
-            name: np.concatenate([getattr(f, name) for f in frames])
-            for name in ("landmark", "uv", "disparity")
-            if frames
-        }
-        return columns | {
-            "keyframe_index": np.array([frame.index for frame in frames], np.int64),
-            "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
-            "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
-            "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
-            "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
-            "xyz": self.xyz,
-            "descriptors": self.descriptors,
-            "offset": np.array(self.offset.state),
-            "has_new_loop": np.array(self.has_new_loop),
-        }
+    def snapshot(self) -> MapSnapshot:
+        """Copy the map as it is now.
 
-    def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Become the map of that `state`, once checked; `image_of` gives the left image of a frame by its number."""
-        shown = state["keyframe_has_image"]
-        if not shown[-_LOOKED_FOR:].all() or shown.sum() > self._most_images():
-            raise InputError("map: the state has too few or too many images, expected those of the last keyframes")
-        self.xyz, self.descriptors = state["xyz"], state["descriptors"]
-        self.offset.state, self.has_new_loop = tuple(state["offset"].tolist()), bool(state["has_new_loop"])
-        ends = np.cumsum(state["keyframe_observations"])
-        self.keyframes = []
-        for k, index in enumerate(state["keyframe_index"].tolist()):
-            rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
-            left = image_of(index) if shown[k] else None
-            grey = None if left is None else np.array(grey_levels(left))
-            image = pyramid(left) if left is not None and k >= len(ends) - _LOOKED_FOR else None
-            landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
-            T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
-            self.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))
+        Returns
+        -------
+        MapSnapshot
+        """
+        frames = self.keyframes
+        columns = self.observations()
+        return MapSnapshot(
+            landmark_id=self.landmark_id.copy(),
+            xyz=self.xyz.copy(),
+            keyframe=np.array([frame.index for frame in frames], np.int64),
+            T_world_camera=np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
+            start=np.cumsum([0, *(len(frame.landmark) for frame in frames)]),
+            observed_id=self.landmark_id[columns["landmark"]],
+            uv=columns["uv"],
+            disparity=columns["disparity"],
+            merged=self.merged.copy(),
+        )
+
+    def observations(self) -> dict[str, NDArray[Any]]:
+        """Collect what the keyframes see: landmarks' rows, places and disparities, keyframe after keyframe.
+
+        Returns
+        -------
+        dict
+            ``landmark`` (O,) int64, ``uv`` (O, 2) float64, px, ``disparity`` (O,) float64, px.
+        """
+        nothing = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
+        return {
+            name: np.concatenate([empty, *(getattr(frame, name) for frame in self.keyframes)])
+            for name, empty in nothing.items()
+        }
 
     def references(self) -> list[Reference]:
-        """The last keyframes, newest first, each with the landmarks that no later one saw."""
+        """The last keyframes, newest first, each with the landmarks that no later one saw.
+
+        Returns
+        -------
+        list of Reference
+        """
         taken = np.zeros(len(self.xyz), np.bool_)
         found = []
-        for frame in reversed(self.keyframes[-_LOOKED_FOR:]):
+        for frame in reversed(self.keyframes[-self.settings.references :]):
             new = ~taken[frame.landmark]
             taken[frame.landmark] = True
             assert frame.image is not None
@@ -200,93 +276,123 @@ class Map:
 
     def add(
         self, index: int, T_world_camera: FloatArray, images: tuple[Pyramid, NDArray[np.uint8]],
-        estimate: PoseEstimate | None, new: NewPoints,
+        estimate: PoseEstimate | None, keypoints: Keypoints,
     ) -> None:  # fmt: skip
-        """Make a frame a keyframe: what it follows is seen again, its other points are new landmarks."""
-        old = estimate or PoseEstimate(
-            T_world_camera, np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6))
-        )
-        rows = self._fresh(new, old.uv)
-        T, corrected = T_world_camera, new.disparity[rows] - self.offset.value
-        points = back_project(self.rig, new.uv[rows], corrected) @ T[:3, :3].T + T[:3, 3]
-        born = len(self.xyz) + np.arange(len(rows))
+        """Make a frame a keyframe: the landmarks that it tracks are seen again, its other keypoints are new ones.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame.
+        T_world_camera : (4, 4) float64
+            Its pose.
+        images : (Pyramid, (H, W) uint8)
+            Its left image.
+        estimate : PoseEstimate or None
+            Landmarks that it tracks; None where the map begins anew.
+        keypoints : Keypoints
+            What may become landmarks.
+        """
+        nothing = np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6))
+        old = estimate or PoseEstimate(T_world_camera, *nothing)
+        rows = self._new_landmarks(keypoints, old.uv)
+        T = T_world_camera
+        points = back_project(self.rig, keypoints.uv[rows], keypoints.disparity[rows]) @ T[:3, :3].T + T[:3, 3]
+        born = np.arange(len(rows))
+        landmark = np.concatenate([old.landmark, len(self.xyz) + born])
         self.xyz = np.concatenate([self.xyz, points])
-        self.descriptors = (
-            np.concatenate([self.descriptors, new.descriptors[rows]]) if self.keyframes else new.descriptors[rows]
-        )
-        landmark = np.concatenate([old.landmark, born])
-        uv = np.concatenate([old.uv, new.uv[rows]])
-        disparity = np.concatenate([old.disparity, new.disparity[rows]])
+        descriptors = keypoints.descriptors[rows]
+        self.descriptors = np.concatenate([self.descriptors, descriptors]) if self.keyframes else descriptors
+        self.landmark_id = np.concatenate([self.landmark_id, self.next_id + born])
+        self.next_id += len(rows)
+        uv = np.concatenate([old.uv, keypoints.uv[rows]])
+        disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
         is_start = bool(self.keyframes) and estimate is None
         self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, is_start))
-        self._let_go()
+        self._tidy()
 
-    def _fresh(self, new: NewPoints, followed: FloatArray) -> NDArray[np.int64]:
-        """Rows of points with a depth, away from those that are followed."""
+    def _new_landmarks(self, keypoints: Keypoints, tracked: FloatArray) -> NDArray[np.int64]:
+        """Rows of keypoints with a depth, away from those that are tracked."""
         from scipy.spatial import cKDTree
 
         with np.errstate(invalid="ignore"):
-            rows = np.flatnonzero(new.disparity - self.offset.value + self.rig.doffs > _MIN_TOTAL)
-        if len(followed):
-            away, _ = cKDTree(followed).query(new.uv[rows], distance_upper_bound=_APART)
+            rows = np.flatnonzero(keypoints.disparity + self.rig.doffs > self.settings.min_total)
+        if len(tracked):
+            away, _ = cKDTree(tracked).query(keypoints.uv[rows], distance_upper_bound=self.settings.spacing)
             rows = rows[np.isinf(away)]
         return rows
 
-    def _let_go(self) -> None:
+    def _tidy(self) -> None:
         """Forget images that are not looked for; now and then, landmarks and keyframes that are of no use."""
-        if len(self.keyframes) > _LOOKED_FOR:
-            self._change(-_LOOKED_FOR - 1, image=None)
-        if len(self.keyframes) % _CULLED == 0:
+        last = self.settings.references
+        if len(self.keyframes) > last:
+            self.change(-last - 1, image=None)
+        if len(self.keyframes) % self.settings.cull_every == 0:
             self._cull_landmarks()
             self._cull_keyframes()
-        if len(self.keyframes) > self._most_images():
-            self._change(-self._most_images() - 1, grey=None)
+        if len(self.keyframes) > self.max_images():
+            self.change(-self.max_images() - 1, grey=None)
 
-    def _change(self, place: int, **changes: Any) -> None:
+    def change(self, place: int, **changes: Any) -> None:
+        """Replace fields of a keyframe.
+
+        Parameters
+        ----------
+        place : int
+            Which one.
+        **changes
+            Its fields.
+        """
         self.keyframes[place] = replace(self.keyframes[place], **changes)
 
-    def _most_images(self) -> int:
-        return max(2 * self.window, int(_MAX_IMAGES / (self.rig.width * self.rig.height)))
+    def max_images(self) -> int:
+        """Return how many keyframes keep their image.
+
+        Returns
+        -------
+        int
+        """
+        return max(2 * self.window, int(self.settings.image_bytes / (self.rig.width * self.rig.height)))
 
     def _cull_landmarks(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
-        kept = self._counts() > 1
+        kept = self._view_counts() > 1
         for frame in self.keyframes[-self.window :]:
             kept[frame.landmark] = True
-        number = np.cumsum(kept) - 1
-        self.xyz, self.descriptors = self.xyz[kept], self.descriptors[kept]
-        self._relabel(np.where(kept, number, -1))
+        row = np.cumsum(kept) - 1
+        self.xyz, self.descriptors, self.landmark_id = self.xyz[kept], self.descriptors[kept], self.landmark_id[kept]
+        self._renumber(np.where(kept, row, -1))
 
-    def _counts(self) -> NDArray[np.int64]:
+    def _view_counts(self) -> NDArray[np.int64]:
         """How many keyframes see each landmark."""
         return np.bincount(np.concatenate([f.landmark for f in self.keyframes]), minlength=len(self.xyz))
 
-    def _relabel(self, number: NDArray[np.int64]) -> None:
-        """Give all landmarks new numbers, -1 to those that go; of two that become one a keyframe keeps one sight."""
+    def _renumber(self, row: NDArray[np.int64]) -> None:
+        """Move landmarks to other rows, -1 for those that go; of two that become one a keyframe keeps one."""
         for k, frame in enumerate(self.keyframes):
-            landmark = number[frame.landmark]
+            landmark = row[frame.landmark]
             if np.array_equal(landmark, frame.landmark):
                 continue
             _, first = np.unique(landmark, return_index=True)
-            rows = np.sort(first[landmark[first] >= 0])
-            self._change(k, landmark=landmark[rows], uv=frame.uv[rows], disparity=frame.disparity[rows])
+            kept = np.sort(first[landmark[first] >= 0])
+            self.change(k, landmark=landmark[kept], uv=frame.uv[kept], disparity=frame.disparity[kept])
 
     def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
 
-        A keyframe goes if nine tenths of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an
-        older one looks from about there at the same: each place keeps a bounded number.
+        A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
+        looks from about there at the same: each place keeps a bounded number.
         """
-        counts, frames = self._counts(), self.keyframes
+        counts, frames = self._view_counts(), self.keyframes
         stays = np.ones(len(frames), np.bool_)
         for k in self._seen_by_the_window():
-            replacement = None if k == 0 or frames[k].is_start else self._replacement(k, stays, counts)
-            if replacement is not None:
+            other = None if k == 0 or frames[k].is_start else self._replacement(k, stays, counts)
+            if other is not None:
                 stays[k] = False
                 counts[frames[k].landmark] -= 1
-                T = inverse(frames[replacement].T_world_camera) @ frames[k].T_world_camera
-                self.dropped.append((frames[k].index, frames[replacement].index, T))
-        self.keyframes = [frame for frame, left in zip(frames, stays, strict=True) if left]
+                T = inverse(frames[other].T_world_camera) @ frames[k].T_world_camera
+                self.dropped.append((frames[k].index, frames[other].index, T))
+        self.keyframes = [frame for frame, is_kept in zip(frames, stays, strict=True) if is_kept]
 
     def _seen_by_the_window(self) -> list[int]:
         """Keyframes before the window that see a landmark of it: others have not changed."""
@@ -297,102 +403,50 @@ class Map:
 
     def _replacement(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
         """Which older keyframe can stand for one, if that can go."""
-        frame = self.keyframes[k]
-        if (counts[frame.landmark] > _SEEN_ENOUGH).sum() >= _REDUNDANT * len(frame.landmark):
+        frame, settings = self.keyframes[k], self.settings
+        if (counts[frame.landmark] > settings.min_views).sum() >= settings.redundant_share * len(frame.landmark):
             return int(np.flatnonzero(stays[:k])[-1])
         T = frame.T_world_camera
-        depth = np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
-        for other in np.flatnonzero(
-            stays[: max(k - self.window, 0)]
-        ).tolist():  # later ones are no place to come back to
+        near = settings.twin_distance * np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
+        older = stays[: max(k - self.window, 0)]  # later ones are no place to come back to
+        for other in np.flatnonzero(older).tolist():
             T_other = self.keyframes[other].T_world_camera
-            near = np.linalg.norm(T_other[:3, 3] - T[:3, 3]) < _CLOSE * depth and T_other[:3, 2] @ T[:3, 2] > _SAME_WAY
-            if near and np.isin(frame.landmark, self.keyframes[other].landmark).mean() >= _SHARED:
+            is_near = np.linalg.norm(T_other[:3, 3] - T[:3, 3]) < near
+            looks_alike = T_other[:3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
+            shared = np.isin(frame.landmark, self.keyframes[other].landmark)
+            if is_near and looks_alike and shared.mean() >= settings.twin_share:
                 return other
         return None
 
     def merge_landmarks(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
-        """Make each landmark of `other` one with that of `landmark`, which stays where it is."""
-        number = np.arange(len(self.xyz))
-        number[other] = landmark
-        self._relabel(number)
+        """Make pairs of landmarks one each; the first of a pair stays where it is, and so does its number.
 
-    def distribute_loop_error(self, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
-        """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as keyframe number `place` knows.
-
-        The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
-        step that was guessed takes almost all. The next adjustment is of the whole map.
+        Parameters
+        ----------
+        landmark, other : (K,) int64
+            Rows.
         """
-        since = self.keyframes[place:]
-        centres = np.array([frame.T_world_camera[:3, 3] for frame in since] + [T_world_camera[:3, 3]])
-        guessed = np.array([frame.is_start for frame in since[1:]] + [False])
-        way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _MIN_STEP))
-        born = np.full(len(self.xyz), place)
-        for k in range(len(self.keyframes) - 1, -1, -1):
-            born[self.keyframes[k].landmark] = max(k, place)
-        for k in range(place + 1, len(self.keyframes)):
-            part = repeated(T, way[k - place - 1] / way[-1])
-            self._change(k, T_world_camera=normalised(part @ self.keyframes[k].T_world_camera), is_start=False)
-            self.xyz[born == k] = self.xyz[born == k] @ part[:3, :3].T + part[:3, 3]
-        self.has_new_loop = True
+        row = np.arange(len(self.xyz))
+        row[other] = landmark
+        pairs = np.column_stack([self.landmark_id[other], self.landmark_id[landmark]])
+        self.merged = np.concatenate([self.merged, pairs])
+        self._renumber(row)
 
-    def adjustment(self) -> Callable[[], Adjustment] | None:
-        """What will adjust the last keyframes and what they saw, held by older ones; `apply` takes its result.
+    def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
+        """Take over poses and landmarks of an adjustment, and drop outliers.
 
-        Of a map that was bent, all keyframes but the first. It works on copies, so the map can be used meanwhile.
+        Parameters
+        ----------
+        rows : (P,) int64
+            Landmarks that were adjusted.
+        found : Adjustment
+            Their places, and the poses of the keyframes.
+        keyframes : dict
+            For the number of each frame: its row in the adjustment, and which of its observations stay, (K,) bool.
         """
-        if self.has_new_loop and len(self.keyframes) <= _MAX_AT_ONCE:
-            return self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
-        moving = self.keyframes[-self.window :]
-        if len(moving) < 2:
-            return None
-        is_seen = np.zeros(len(self.xyz), np.bool_)
-        is_seen[np.concatenate([frame.landmark for frame in moving])] = True
-        points = np.flatnonzero(is_seen)
-        holding = [f for f in self.keyframes[: -self.window] if is_seen[f.landmark].sum() >= _MIN_SHARED]
-        holding = holding or moving[:1]
-        frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
-        return self._problem(frames, points, len(holding))
-
-    def adjust_whole(self) -> None:
-        """Adjust all keyframes but the first, and all landmarks, at once; maps of very many keyframes stay."""
-        if 2 <= len(self.keyframes) <= _MAX_AT_ONCE:
-            work = self._problem(self.keyframes, np.arange(len(self.xyz)), 1)
-            if work is not None:
-                found = work()
-                self.apply(found)
-                self.offset.settle(found.offset, found.offset_std)
-
-    def _problem(self, frames: list[Keyframe], points: NDArray[np.int64], held: int) -> Callable[[], Adjustment] | None:
-        """Adjustment of frames, the first `held` of which stay, and of the points that two of them see."""
-        landmark = np.concatenate([frame.landmark for frame in frames])
-        pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
-        counts = np.bincount(landmark, minlength=len(self.xyz))
-        kept = points[counts[points] >= 2]
-        if len(kept) < _MIN_POINTS:
-            return None
-        row = np.full(len(self.xyz), -1)
-        row[kept] = np.arange(len(kept))
-        used = np.flatnonzero(row[landmark] >= 0)
-        uv = np.concatenate([frame.uv for frame in frames])[used]
-        disparity = np.concatenate([frame.disparity for frame in frames])[used]
-        ones = np.ones(len(used))
-        seen = Observations(pose[used], row[landmark[used]], uv, disparity, SIGMA * ones, self.sigma_disparity * ones)
-        self._asked = frames, kept, pose, used
-        T, xyz, fixed = np.stack([f.T_world_camera for f in frames]), self.xyz[kept], np.arange(len(frames)) < held
-        offset, sigma = self.offset.value, self.offset.sigma
-        return lambda: adjust(self.rig, T, xyz, seen, fixed=fixed, max_steps=_STEPS, offset=offset, offset_sigma=sigma)
-
-    def apply(self, found: Adjustment) -> None:
-        """Take over what the last `adjustment` found, and drop outliers."""
-        frames, kept, pose, used = self._asked
-        self.xyz[kept] = found.xyz
-        good = np.ones(len(pose), np.bool_)
-        good[used[found.distance > _OUTLIER]] = False
-        place = {frame.index: k for k, frame in enumerate(self.keyframes)}
-        parts = np.split(good, np.searchsorted(pose, np.arange(1, len(frames))))
-        for frame, T, stays in zip(frames, found.T_world_camera, parts, strict=True):
-            k = place[frame.index]
-            observations = {name: getattr(frame, name)[stays] for name in ("landmark", "uv", "disparity")}
-            self._change(k, T_world_camera=T, **observations)
-        self.offset.update(found.offset, found.offset_std)
+        self.xyz[rows] = found.xyz
+        for k, frame in enumerate(self.keyframes):
+            if frame.index in keyframes:
+                row, kept = keyframes[frame.index]
+                columns = {name: getattr(frame, name)[kept] for name in ("landmark", "uv", "disparity")}
+                self.change(k, T_world_camera=found.T_world_camera[row], **columns)

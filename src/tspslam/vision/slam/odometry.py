@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._checks import check_ranges
+from ..._settings import check_settings, setting
 from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
+from ..features.binary import binary_descriptors
 from ..features.orb import OrbDetector
-from ..images import Pyramid, grey_levels, pyramid, smooth_plane
-from ..rig import check_pair
+from ..images import PreparedPair, grey_levels, prepare
 from ..se3 import inverse, normalised, repeated
-from ..stereo.dense import checked_map, sample_map
-from ..stereo.mismatch import refuse_one_picture
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
-from ..stereo.row_matcher import RowMatcher, level_rows, search_near
-from ._state import check_state
-from .bundle import Adjustment
-from .loop_closing import MAX_DRIFT, detect_loop, merge_observations
-from .map import Map, NewPoints
-from .relocalization import binary_descriptors, relocalize
-from .tracking import MIN_MATCHES, PoseEstimate, choose_pose, is_clear, refine_pose, track_pose
+from ..stereo.row_matcher import RowMatcher, search_near
+from ._state import check_state, map_state, restore_map
+from .local_mapping import LocalMapper
+from .loop_closing import LoopSettings, PlaceRecognition
+from .map import Map, MapSettings
+from .pose import PoseEstimate
+from .tracking import Tracked, TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, track_pose
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
-_KINDS = {int: "an integer", bool: "True or False"}
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 
 
@@ -43,15 +39,21 @@ class Tracking:
     window : int
         Keyframes that are adjusted together.
     keyframe_share : float
-        Of the last keyframe's landmarks: fewer that are followed ask for a new keyframe.
+        Of the last keyframe's landmarks: fewer that are tracked ask for a new keyframe.
     patience : int
         Frames lost in a row after which the map begins anew, where a steady motion has the camera.
     sigma_disparity : float
-        Standard deviation of a disparity, px.
+        Standard deviation of a disparity.
     sigma_offset : float
-        Standard deviation of the calibration's disparity offset, px.
+        Standard deviation of the calibration's disparity offset.
     every_frame : bool
         Whether each frame carries a cloud, a complex, signals and a response, not only keyframes.
+    pose : TrackingSettings
+        How landmarks are tracked into an image, and when a pose is believed.
+    map : MapSettings
+        What the map keeps, and what is adjusted.
+    loops : LoopSettings
+        How places seen before are found.
 
     Raises
     ------
@@ -64,79 +66,125 @@ class Tracking:
     0.5
     """
 
-    window: int = 7
-    keyframe_share: float = 0.5
-    patience: int = 3
-    sigma_disparity: float = 0.3
-    sigma_offset: float = 0.3
-    every_frame: bool = False
+    window: int = setting(7, 2, 50, unit="keyframes", source="more do not better KITTI's paths, and cost time")
+    keyframe_share: float = setting(0.5, 0, 1, source="chosen by hand on KITTI's sequences")
+    patience: int = setting(3, 1, 1000, unit="frames", source="a steady motion says little after a third of a second")
+    sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="residuals on KITTI and on synthetic streets")
+    sigma_offset: float = setting(0.3, 0.001, 10, unit="px", source="KITTI's, calibrated with care, have up to 0.4")
+    every_frame: bool = setting(False, source="keyframes are what the map rests on")
+    pose: TrackingSettings = field(default_factory=TrackingSettings)
+    map: MapSettings = field(default_factory=MapSettings)
+    loops: LoopSettings = field(default_factory=LoopSettings)
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, kind in (("window", int), ("patience", int), ("every_frame", bool)):
-            if type(getattr(self, name)) is not kind:
-                raise InputError(f"tracking: {name} is {repr(getattr(self, name))[:40]}, expected {_KINDS[kind]}")
-        for name in ("keyframe_share", "sigma_disparity", "sigma_offset"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-                raise InputError(f"tracking: {name} is {repr(value)[:40]}, expected a number")
-        ranges: dict[str, tuple[float, float]] = {"window": (2, 50), "keyframe_share": (0, 1), "patience": (1, 1000)}
-        check_ranges("tracking", self, ranges | {"sigma_disparity": (0.01, 10), "sigma_offset": (0.001, 10)})
+        check_settings("tracking", self)
 
 
-@dataclass(frozen=True)
-class Tracked:
-    """Where a frame was taken.
+class CameraPath:
+    """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
 
     Attributes
     ----------
-    T_world_camera : (4, 4) float64
-        Pose of the left camera; the world is the first frame's.
-    covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is a guess.
-    matches : int
-        Landmarks that agree with it.
-    is_keyframe : bool
-        Whether the map rests on it.
-    is_lost : bool
-        Whether too few landmarks were found: the pose is that of a steady motion.
-    stereo : Stereo or None
-        What both images show, where that was looked for.
-    seconds : dict
-        Time of following, of the points of a keyframe, of looking for places seen before, and of waiting for an
-        adjustment, s; varies from run to run.
+    pose : (4, 4) float64
+        Of the last frame.
+    lost : int
+        Frames lost in a row.
+    was_lost : bool
+        Whether the frame before the last one was.
     """
 
-    T_world_camera: FloatArray
-    covariance: FloatArray
-    matches: int
-    is_keyframe: bool
-    is_lost: bool
-    stereo: Stereo | None
-    seconds: dict[str, float]
+    def __init__(self) -> None:
+        self.stamps: list[float] = []
+        self.anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
+        self.pose, self.motion = np.eye(4), np.eye(4)
+        self.lost, self.was_lost = 0, False
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def is_motion_known(self) -> bool:
+        """Whether the last frames tell how the camera moves."""
+        return len(self) > 1 and self.lost == 0
+
+    def predict(self, stamp: float) -> FloatArray:
+        """Find the pose at a stamp if the last motion goes on at its speed.
+
+        Parameters
+        ----------
+        stamp : float
+            Time, s.
+
+        Returns
+        -------
+        (4, 4) float64
+        """
+        if len(self) < 2:
+            return self.pose
+        last = self.stamps[-1] - self.stamps[-2]
+        share = (stamp - self.stamps[-1]) / last if last > 0 else 1.0
+        return normalised(self.pose @ repeated(self.motion, min(share, _LONGEST)))
+
+    def advance(self, predicted: FloatArray, estimate: PoseEstimate | None) -> None:
+        """Go to a frame's pose, or to the predicted one where it is lost.
+
+        Parameters
+        ----------
+        predicted : (4, 4) float64
+            Where a steady motion has it.
+        estimate : PoseEstimate or None
+            Where it was found.
+        """
+        self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
+        pose = predicted if estimate is None else estimate.T_world_camera
+        moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
+        self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
+
+    def record(self, stamp: float, map_: Map) -> None:
+        """Note the last frame, held by the last keyframe; frames of culled keyframes are held by those in their place.
+
+        Parameters
+        ----------
+        stamp : float
+            Time of the frame, s.
+        map_ : Map
+            Its keyframes.
+        """
+        for gone, other, T in map_.dropped:
+            self.anchors = [(other, T @ pose) if index == gone else (index, pose) for index, pose in self.anchors]
+        map_.dropped.clear()
+        last = map_.keyframes[-1]
+        self.stamps.append(stamp)
+        self.anchors.append((last.index, inverse(last.T_world_camera) @ self.pose))
+
+    def trajectory(self, map_: Map) -> Trajectory:
+        """Put the frames where their keyframes are now.
+
+        Parameters
+        ----------
+        map_ : Map
+            Its keyframes.
+
+        Returns
+        -------
+        Trajectory
+        """
+        pose_of = {frame.index: frame.T_world_camera for frame in map_.keyframes}
+        poses = [pose_of[index] @ T for index, T in self.anchors]
+        return Trajectory(np.array(self.stamps), np.array(poses).reshape(-1, 4, 4))
 
 
-class Odometry:
+class StereoOdometry:
     """Tracks a stereo camera, one pair after another.
 
-    Windows around the landmarks of the last keyframes are followed into the left image, from where a steady motion has
+    Patches around the landmarks of the last keyframes are tracked into the left image, from where a steady motion has
     them, and the pose is the least-squares one of (u, v); then of (u, v, disparity), with disparities searched near
-    where the pose has them. If that fails, landmarks are recognised by their descriptors. Where few landmarks of the
-    last keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last
-    keyframes and what they saw are adjusted together, with the offset that all disparities have in common: a
-    calibration that is off by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes
-    on while the next frame is tracked; its result counts from a fixed frame on, so that runs repeat.
-
-    Attributes
-    ----------
-    rig, tracking
-        As given.
-    map : Map
-        Keyframes and landmarks.
-    loops : int
-        How often the map was bent because a place was seen again.
-    unsolved : int
-        Adjustments that had no solution.
+    where the pose has them. If that fails, the camera is relocalised by descriptors. Where few landmarks of the last
+    keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last keyframes and
+    what they saw are adjusted together, with the offset that all disparities have in common: a calibration that is off
+    by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes on while the next frame
+    is tracked; its result counts from a fixed frame on, so that runs repeat.
 
     Parameters
     ----------
@@ -149,11 +197,22 @@ class Odometry:
     tracking : Tracking, optional
         How; the defaults serve.
 
+    Attributes
+    ----------
+    rig, tracking
+        As given.
+    map : Map
+        Keyframes and landmarks.
+    mapper : LocalMapper
+        What makes the map grow.
+    path : CameraPath
+        Poses of the frames.
+
     Examples
     --------
     >>> from tspslam.datasets import synthetic
     >>> sequence = synthetic.SyntheticSequence(synthetic.corridor(2.0))
-    >>> odometry = Odometry(sequence.rig)
+    >>> odometry = StereoOdometry(sequence.rig)
     >>> tracked = [odometry.process(pair) for pair in sequence]
     >>> error = odometry.trajectory.T_world_camera[-1][:3, 3] - sequence.truth[-1][:3, 3]
     >>> bool(np.linalg.norm(error) < 0.02)
@@ -169,46 +228,181 @@ class Odometry:
         tracking: Tracking | None = None,
     ) -> None:
         self.rig, self.tracking = rig, tracking or Tracking()
-        self.map = Map(
-            rig, window=self.tracking.window, sigma_disparity=self.tracking.sigma_disparity,
-            sigma_offset=self.tracking.sigma_offset,
-        )  # fmt: skip
         self._detect, self._match = detector or OrbDetector(), matcher or RowMatcher()
-        self._near = search_near(self._match)
-        self._stamps: list[float] = []
-        self._anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
-        self._pose, self._motion, self._wanted, self._lost, self._row_offset = np.eye(4), np.eye(4), 0, 0, 0.0
-        self.unsolved = self.loops = 0
-        self._watch = Stopwatch()
-        self._worker = ThreadPoolExecutor(1)
-        self._asked: Future[Adjustment] | None = None
+        self._near, self._row_offset = search_near(self._match), 0.0
+        settings = self.tracking
+        self.map, self.path = Map(rig, window=settings.window, settings=settings.map), CameraPath()
+        self._places = PlaceRecognition(self.map, settings.pose, settings.loops)
+        self.mapper = LocalMapper(
+            self.map, self._places, sigma_disparity=settings.sigma_disparity, sigma_offset=settings.sigma_offset
+        )
 
     @property
     def disparity_offset(self) -> tuple[float, float]:
         """Measured less true disparity, px, and its standard deviation, as the motion tells."""
-        return self.map.offset.value, self.map.offset.std
+        return self.mapper.bias.value, self.mapper.bias.std
+
+    @property
+    def loops(self) -> int:
+        """How many loops were closed."""
+        return self.mapper.loops
+
+    @property
+    def unsolved(self) -> int:
+        """How many adjustments had no solution."""
+        return self.mapper.unsolved
+
+    @property
+    def landmark_count(self) -> int:
+        """How many landmarks the map has."""
+        return len(self.map.xyz)
 
     @property
     def trajectory(self) -> Trajectory:
         """Poses of all frames so far, those of keyframes as adjusted since."""
-        pose_of = {frame.index: frame.T_world_camera for frame in self.map.keyframes}
-        poses = [pose_of[index] @ T for index, T in self._anchors]
-        return Trajectory(np.array(self._stamps), np.array(poses).reshape(-1, 4, 4))
+        return self.path.trajectory(self.map)
+
+    def process(self, pair: StereoPair) -> Tracked:
+        """Locate the next pair, and make it a keyframe where the map needs one.
+
+        Parameters
+        ----------
+        pair : StereoPair
+            Of this rig, not earlier than the last one.
+
+        Returns
+        -------
+        Tracked
+
+        Raises
+        ------
+        InputError
+            If the pair is of another rig, earlier than the last one, or its images do not fit.
+        GeometryError
+            If left and right are the same picture, or the first pair shows too little texture for three points.
+        """
+        self._check(pair.name, pair.rig, pair.stamp)
+        images, watch, path = prepare(pair), Stopwatch(), self.path
+        estimate = None
+        if self.map.keyframes:
+            if len(path) >= self.map.keyframes[-1].index + _JOINED:
+                path.pose = self.mapper.join(path.pose)
+            watch.lap("wait")
+            predicted = path.predict(images.stamp)
+            estimate = self._locate(images, predicted)
+            path.advance(predicted, estimate)
+            watch.lap("follow")
+        stereo = self._add_keyframe(images, estimate, watch) if self._wants_keyframe(estimate) else None
+        path.record(images.stamp, self.map)
+        return self._tracked(estimate, stereo, watch)
+
+    def _check(self, name: str, rig: Rig, stamp: float) -> None:
+        if rig != self.rig:
+            raise InputError(f"{name}: its rig is {rig}, expected the odometry's {self.rig}")
+        if len(self.path) and not stamp >= self.path.stamps[-1]:
+            raise InputError(f"{name}: its stamp is {stamp} s, expected {self.path.stamps[-1]} s or later")
+
+    def _locate(self, images: PreparedPair, predicted: FloatArray) -> PoseEstimate | None:
+        """Pose from landmarks tracked from where a steady motion has them, or relocalised; then with disparities."""
+        map_, settings, image = self.map, self.tracking.pose, images.left_image
+        estimate = track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, predicted, settings)
+        steady = predicted if self.path.is_motion_known else None
+        if estimate is None or not is_clear(estimate, map_.xyz, steady, settings):
+            features = self._detect(image.grey)
+            descriptors = binary_descriptors(features.descriptor)
+            relocalized = self._places.relocalize(image.pyramid, features.uv, descriptors)
+            estimate = choose_pose(estimate, relocalized, map_.xyz, settings)
+        if estimate is None:
+            return None
+        disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
+        return refine_pose(map_.rig, estimate, map_.xyz, disparity, self.tracking.sigma_disparity, settings)
+
+    def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
+        """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
+        if estimate is None:
+            return not self.map.keyframes or self.path.lost >= self.tracking.patience
+        return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
+
+    def _add_keyframe(self, images: PreparedPair, estimate: PoseEstimate | None, watch: Stopwatch) -> Stereo | None:
+        """Make a frame a keyframe, if its images show enough; the first one must."""
+        self.path.pose = self.mapper.join(self.path.pose)
+        watch.lap("wait")
+        try:
+            stereo = match_stereo(images, self._detect, self._match)
+        except GeometryError:
+            if not self.map.keyframes:
+                raise
+            return None
+        finally:
+            watch.lap("points")
+        if self.map.keyframes and np.isfinite(stereo.disparity).sum() < self.tracking.pose.min_matches:
+            return None
+
+        def measure(again: PoseEstimate) -> FloatArray:
+            map_ = self.map
+            return measure_disparities(map_.rig, images, again, map_.xyz, self._near, self._row_offset)
+
+        self.path.pose = self.mapper.add_keyframe(len(self.path), images, self.path.pose, estimate, stereo, measure)
+        self._row_offset = stereo.quality.vertical_offset_px
+        watch.lap("map")
+        return stereo
+
+    def _tracked(self, estimate: PoseEstimate | None, stereo: Stereo | None, watch: Stopwatch) -> Tracked:
+        """What is said of the last frame."""
+        seen = self.map.keyframes[-1] if stereo is not None else estimate
+        is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
+        covariance = np.zeros((6, 6)) if is_first else np.full((6, 6), np.inf)
+        tracked = Tracked(
+            T_world_camera=self.path.pose,
+            covariance=covariance if estimate is None else estimate.covariance,
+            matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
+            is_keyframe=stereo is not None,
+            is_lost=is_lost,
+            stereo=stereo,
+            seconds=watch.seconds,
+        )
+        if seen is None:
+            return tracked
+        numbers = self.map.landmark_id[seen.landmark]
+        return replace(tracked, landmark=numbers, uv=seen.uv, disparity=seen.disparity)
+
+    def finish(self) -> None:
+        """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
+        if self.map.keyframes:
+            self.path.pose = self.mapper.finish(self.path.pose)
+
+    def close(self) -> None:
+        """Let the worker thread go; no further pair can be processed."""
+        self.mapper.close()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the next frame depends on, as arrays; `restore` takes them."""
-        counts = self._wanted, self._lost, self.unsolved, self.loops, self._asked is not None
-        return self.map.state() | {
-            "stamps": np.array(self._stamps),
-            "anchors": np.array([index for index, _ in self._anchors], np.int64),
-            "anchored": np.array([T for _, T in self._anchors]).reshape(-1, 4, 4),
-            "poses": np.stack([self._pose, self._motion]),
+        """Collect all that the next frame depends on, as arrays; `restore` takes them.
+
+        Returns
+        -------
+        dict of arrays
+        """
+        path, mapper = self.path, self.mapper
+        counts = mapper.expected, path.lost, mapper.unsolved, mapper.loops, mapper.is_adjusting
+        return map_state(self.map) | {
+            "stamps": np.array(path.stamps),
+            "anchors": np.array([index for index, _ in path.anchors], np.int64),
+            "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
+            "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "row_offset": np.array(self._row_offset),
+            "bias": np.array(mapper.bias.state),
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0.
+        """Go on from a state.
+
+        Parameters
+        ----------
+        state : dict of arrays
+            As `state` gave it.
+        image_of : callable
+            Left image of a frame by its number, from 0.
 
         Raises
         ------
@@ -216,216 +410,22 @@ class Odometry:
             If it is none that this odometry can have given.
         """
         check_state(state, self.rig)
-        self.map.restore(state, image_of)
+        restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
-        self._stamps = state["stamps"].tolist()
-        self._anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
-        self._pose, self._motion = state["poses"]
-        self._wanted, self._lost, self.unsolved, self.loops, asked = state["counts"].tolist()
+        path, mapper = self.path, self.mapper
+        path.stamps = state["stamps"].tolist()
+        path.anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
+        path.pose, path.motion = state["poses"]
+        mapper.expected, path.lost, mapper.unsolved, mapper.loops, was_adjusting = state["counts"].tolist()
         self._row_offset = float(state["row_offset"])
-        if asked:  # what was under way began from this very map
-            self._ask()
+        mapper.restore_bias(tuple(state["bias"].tolist()))
+        if was_adjusting:  # what was under way began from this very map
+            mapper.start_adjustment()
 
     def _check_descriptors(self, image_of: Callable[[int], Image]) -> None:
         """Refuse landmarks whose descriptors are not as long as those of the detector's features."""
         if self.map.keyframes:
             features = self._detect(grey_levels(image_of(self.map.keyframes[-1].index)))
-            expected = binary_descriptors(features.descriptor).shape[1]
-            if self.map.descriptors.shape[1] != expected:
-                found = self.map.descriptors.shape[1]
-                raise InputError(f"odometry: the state has landmarks of {found} descriptors, expected {expected}")
-
-    def finish(self) -> None:
-        """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
-        self._join()
-        if not self.map.keyframes:
-            return
-        before = self._last_pose()
-        try:
-            self.map.adjust_whole()
-        except GeometryError:
-            self.unsolved += 1
-        self._follow_map(before)
-
-    def close(self) -> None:
-        """Let the worker thread go; no further pair can be processed."""
-        self._worker.shutdown()
-
-    def process(self, pair: StereoPair) -> Tracked:
-        """Locate the next pair.
-
-        Raises
-        ------
-        InputError
-            If the pair is of another rig, its stamp is not later than the last one, or its images do not fit.
-        GeometryError
-            If the first pair shows too little texture for three points.
-        """
-        self._check(pair)
-        self._watch = Stopwatch()
-        image = pyramid(pair.left)
-        if not self.map.keyframes:
-            return self._begin(pair, image)
-        if self._asked and len(self._stamps) >= self.map.keyframes[-1].index + _JOINED:
-            self._join()
-        self._watch.lap("wait")
-        ahead = self._ahead(pair.stamp)
-        estimate = self._locate(pair, image, ahead)
-        self._watch.lap("follow")
-        was_lost, self._lost = self._lost > 0, self._lost + 1 if estimate is None else 0
-        pose = ahead if estimate is None else estimate.T_world_camera
-        moved = ahead if was_lost else pose  # what was guessed says nothing of the motion since
-        self._motion, self._pose = normalised(inverse(self._pose) @ moved), pose
-        stereo = self._grow(pair, image, estimate) if self._wants_keyframe(estimate, was_lost) else None
-        self._remember(pair.stamp)
-        covariance, matches = (np.full((6, 6), np.inf), 0) if estimate is None else (estimate.covariance, len(estimate))
-        is_keyframe = stereo is not None
-        return Tracked(self._pose, covariance, matches, is_keyframe, estimate is None, stereo, self._watch.seconds)
-
-    def _begin(self, pair: StereoPair, image: Pyramid) -> Tracked:
-        """Make the first frame the first keyframe."""
-        stereo = match_stereo(pair, self._detect, self._match)
-        self._watch.lap("points")
-        self._add(pair, image, None, _new_points(stereo), stereo)
-        self._remember(pair.stamp)
-        return Tracked(self._pose, np.zeros((6, 6)), self._wanted, True, False, stereo, self._watch.seconds)
-
-    def _locate(self, pair: StereoPair, image: Pyramid, ahead: FloatArray) -> PoseEstimate | None:
-        """Pose of a frame: from where its landmarks are followed to, or recognised; then with their disparities."""
-        references, xyz = self.map.references(), self.map.xyz
-        estimate = track_pose(self.rig, image, references, xyz, ahead)
-        is_motion_known = len(self._stamps) > 1 and self._lost == 0
-        if estimate is None or not is_clear(estimate, xyz, ahead if is_motion_known else None):
-            estimate = choose_pose(estimate, self._relocalize(pair, image), xyz)
-        if estimate is None:
-            return None
-        disparity = self._disparities(pair, image, estimate) - self.map.offset.value
-        better = refine_pose(self.rig, estimate, xyz, disparity, self.map.sigma_disparity)
-        return PoseEstimate(
-            better.T_world_camera, better.landmark, better.uv, better.disparity + self.map.offset.value,
-            better.covariance,
-        )  # fmt: skip
-
-    def _relocalize(self, pair: StereoPair, image: Pyramid) -> PoseEstimate | None:
-        """Pose from descriptors alone, then from landmarks followed."""
-        features = self._detect(grey_levels(pair.left))
-        return relocalize(self.map, image, features.uv, binary_descriptors(features.descriptor))
-
-    def _disparities(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate) -> FloatArray:
-        """Disparities of a estimate's landmarks, near where the estimate has them."""
-        if pair.disparity is not None:
-            return sample_map(checked_map("disparity", pair.disparity, self.rig), estimate.uv)
-        T = estimate.T_world_camera
-        depth = (self.map.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]
-        guess = self.rig.fx * self.rig.baseline / depth - self.rig.doffs + self.map.offset.value
-        planes = level_rows((image.levels[0], smooth_plane(pair.right)), self._row_offset)
-        return self._near(planes, estimate.uv, guess)
-
-    def _ahead(self, stamp: float) -> FloatArray:
-        """Pose at a stamp if the last motion goes on at its speed."""
-        if len(self._stamps) < 2:
-            return self._pose
-        last = self._stamps[-1] - self._stamps[-2]
-        share = (stamp - self._stamps[-1]) / last if last > 0 else 1.0
-        return normalised(self._pose @ repeated(self._motion, min(share, _LONGEST)))
-
-    def _wants_keyframe(self, estimate: PoseEstimate | None, was_lost: bool) -> bool:
-        """Whether few of the last keyframe's landmarks are left, or a lost camera is found; or the map begins anew."""
-        if estimate is None:
-            return self._lost >= self.tracking.patience
-        return was_lost or len(estimate) < self.tracking.keyframe_share * self._wanted
-
-    def _grow(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate | None) -> Stereo | None:
-        """Make a frame a keyframe, if its images show enough, and have the last ones adjusted."""
-        self._join()
-        self._watch.lap("wait")
-        try:
-            stereo = match_stereo(pair, self._detect, self._match)
-        except GeometryError:
-            return None
-        self._watch.lap("points")
-        if np.isfinite(stereo.disparity).sum() < MIN_MATCHES:
-            return None
-        new = _new_points(stereo)
-        if estimate is not None:
-            estimate = self._revisit(pair, image, estimate, new)
-            self._watch.lap("loops")
-        self._add(pair, image, estimate, new, stereo)
-        return stereo
-
-    def _revisit(self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate, new: NewPoints) -> PoseEstimate:
-        """The estimate with what is seen again of old places; where the map has drifted, a loop is closed."""
-        estimate = replace(estimate, T_world_camera=self._pose)
-        seen = detect_loop(self.map, image, estimate, new.uv, new.descriptors)
-        if seen is None:
-            return estimate
-        again = replace(seen.estimate, disparity=self._disparities(pair, image, seen.estimate))
-        if seen.drift > MAX_DRIFT:
-            T = normalised(again.T_world_camera @ inverse(self._pose))
-            self.map.distribute_loop_error(seen.place, T, self._pose)
-            self._pose, self.loops = again.T_world_camera, self.loops + 1
-        estimate = merge_observations(self.map, again, replace(estimate, T_world_camera=self._pose))
-        self._pose = estimate.T_world_camera
-        return estimate
-
-    def _add(
-        self, pair: StereoPair, image: Pyramid, estimate: PoseEstimate | None, new: NewPoints, stereo: Stereo
-    ) -> None:
-        images = image, np.array(grey_levels(pair.left))
-        self.map.add(len(self._stamps), self._pose, images, estimate, new)
-        self._hand_over()
-        self._wanted = len(self.map.keyframes[-1].landmark)
-        self._row_offset = stereo.quality.vertical_offset_px
-        self._ask()
-
-    def _hand_over(self) -> None:
-        """Frames that were placed by keyframes which are no more go to those that took over."""
-        while self.map.dropped:
-            gone, replacement, T = self.map.dropped.pop(0)
-            self._anchors = [
-                (replacement, T @ pose) if index == gone else (index, pose) for index, pose in self._anchors
-            ]
-
-    def _ask(self) -> None:
-        """Have the last keyframes adjusted."""
-        work = self.map.adjustment()
-        self._asked = None if work is None else self._worker.submit(work)
-
-    def _join(self) -> None:
-        """Wait for the adjustment under way, if any, and go on from where it has the last keyframe."""
-        if self._asked is None:
-            return
-        asked, self._asked = self._asked, None
-        try:
-            found = asked.result()
-        except GeometryError:  # what was seen does not estimate the keyframes: they stay
-            self.unsolved += 1
-            return
-        finally:
-            self.map.has_new_loop = False
-        before = self._last_pose()
-        self.map.apply(found)
-        self._follow_map(before)
-
-    def _last_pose(self) -> FloatArray:
-        return self.map.keyframes[-1].T_world_camera
-
-    def _follow_map(self, before: FloatArray) -> None:
-        """Go on from where the last keyframe, once at `before`, is now."""
-        self._pose = normalised(self._last_pose() @ inverse(before) @ self._pose)
-
-    def _remember(self, stamp: float) -> None:
-        self._stamps.append(stamp)
-        self._anchors.append((self.map.keyframes[-1].index, inverse(self._last_pose()) @ self._pose))
-
-    def _check(self, pair: StereoPair) -> None:
-        if pair.rig != self.rig:
-            raise InputError(f"{pair.name}: its rig is {pair.rig}, expected the odometry's {self.rig}")
-        if self._stamps and not pair.stamp >= self._stamps[-1]:
-            raise InputError(f"{pair.name}: its stamp is {pair.stamp} s, expected {self._stamps[-1]} s or later")
-        check_pair(pair)
-        refuse_one_picture(pair)
-
-
-def _new_points(stereo: Stereo) -> NewPoints:
-    return NewPoints(stereo.left.uv, stereo.disparity, binary_descriptors(stereo.left.descriptor))
+            expected, found = binary_descriptors(features.descriptor).shape[1], self.map.descriptors.shape[1]
+            if found != expected:
+                raise InputError(f"odometry: the state has descriptors of {found} x 64 bits, expected {expected}")

@@ -1,23 +1,45 @@
-"""Points of one image found again in another: windows aligned from coarse to fine."""
+"""Points of one image found again in another: patches aligned from coarse to fine."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from ..._threads import in_halves
 from ...types import BoolArray, FloatArray, Rig
-from .._parallel import in_halves
 from ..images import Plane, Pyramid
 
-_RADIUS, _CONTRAST = 5, 0.03
-_REACH = 4.0  # px at each level that a window may move
-_MIN_SCORE = 0.8
 _WORTH = 150  # points that make a second thread worth its start
 
 
-def follow(
-    reference: Pyramid, current: Pyramid, place: FloatArray, warp: FloatArray, guess: FloatArray, levels: range
-) -> tuple[FloatArray, BoolArray]:
-    """Find the windows around points of one image in another.
+@dataclass(frozen=True)
+class Patch:
+    """What is compared around a point, and what counts as found.
+
+    Attributes
+    ----------
+    radius : int
+        Half width, px.
+    contrast : float
+        A pixel that differs from the centre by ``1 / contrast`` grey levels counts half.
+    reach : float
+        Farthest that it moves at each level, px.
+    min_correlation : float
+        Of a patch that is found.
+    """
+
+    radius: int = 5
+    contrast: float = 0.03
+    reach: float = 4.0
+    min_correlation: float = 0.8
+
+
+def track_patches(
+    reference: Pyramid, current: Pyramid, place: FloatArray, warp: FloatArray, guess: FloatArray, levels: range,
+    patch: Patch,
+) -> tuple[FloatArray, BoolArray]:  # fmt: skip
+    """Find the patches around points of one image in another.
 
     Parameters
     ----------
@@ -26,26 +48,30 @@ def follow(
     place : (N, 2) float64
         Points of the reference, px.
     warp : (N, 2, 2) float64
-        From offsets in the current image to offsets in the reference: what nearness and turning do to a window.
+        From offsets in the current image to offsets in the reference: what nearness and turning do to a patch.
     guess : (N, 2) float64
         Where the points are expected, px.
     levels : range
         Levels to go through, the coarsest first; those that a small image does not have are left out.
+    patch : Patch
+        What is compared.
 
     Returns
     -------
     uv : (N, 2) float64
         Where they are, px; the guess, bettered as far as it went, where they are not found.
     good : (N,) bool
-        Whether the window was found at the last level.
+        Whether the patch was found at the last level.
 
     Examples
     --------
     >>> noise = np.random.default_rng(0).integers(0, 255, (64, 64)).astype(np.float32)
     >>> import cv2
+    >>> from tspslam.vision.images import pyramid
     >>> image = cv2.GaussianBlur(noise, (0, 0), 2).astype(np.uint8)
     >>> one, same = np.array([[30.0, 30.0]]), np.eye(2)[None]
-    >>> uv, good = follow(pyramid(image), pyramid(np.roll(image, 3, 1)), one, same, one, range(0, -1, -1))
+    >>> images = pyramid(image), pyramid(np.roll(image, 3, 1))
+    >>> uv, good = track_patches(*images, one, same, one, range(0, -1, -1), Patch())
     >>> uv.round(1).tolist(), good.tolist()
     ([[33.0, 30.0]], [True])
     """
@@ -54,19 +80,19 @@ def follow(
         if level < len(current.levels):
             size, planes = 2.0**level, (reference.levels[level], current.levels[level])
             uv /= size
-            _follow_level(planes, place / size, warp, uv, score)
+            _track_level(planes, place / size, warp, uv, score, patch)
             uv *= size
-    return uv, np.asarray(score >= _MIN_SCORE)
+    return uv, np.asarray(score >= patch.min_correlation)
 
 
-def _follow_level(
-    planes: tuple[Plane, Plane], place: FloatArray, warp: FloatArray, uv: FloatArray, score: FloatArray
+def _track_level(
+    planes: tuple[Plane, Plane], place: FloatArray, warp: FloatArray, uv: FloatArray, score: FloatArray, patch: Patch
 ) -> None:
-    """One level of `follow`; `uv` and `score` are changed."""
-    from ._patch_tracking import follow_level
+    """One level of `track_patches`; `uv` and `score` are changed."""
+    from ._patch_tracking import track_level
 
     def part(rows: slice) -> None:
-        follow_level(*planes, place[rows], warp[rows], _RADIUS, _CONTRAST, _REACH, uv[rows], score[rows])
+        track_level(*planes, place[rows], warp[rows], patch.radius, patch.contrast, patch.reach, uv[rows], score[rows])
 
     in_halves(part, len(place), _WORTH)
 

@@ -1,14 +1,55 @@
-"""Pose of one camera from points whose places are known."""
+"""Pose of one camera from points whose places are known: perspective-n-point, then least squares."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...errors import GeometryError
 from ...types import FloatArray, Rig
 from ..se3 import inverse
+from .bundle import lens_of, minimise
+
+_NOTHING = 1e-9 * np.eye(6)  # of information, so that all have an inverse
+_SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
+_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """A pose, and the landmarks that agree with it.
+
+    Attributes
+    ----------
+    T_world_camera : (4, 4) float64
+        The pose.
+    landmark : (K,) int64
+        Which landmarks.
+    uv : (K, 2) float64
+        Where they are seen, px.
+    disparity : (K,) float64
+        px; NaN where not known.
+    covariance : (6, 6) float64
+        Of (ω, υ), rad and m, in the camera's frame.
+    in_view : int
+        How many landmarks should be seen from there.
+    """
+
+    T_world_camera: FloatArray
+    landmark: NDArray[np.int64]
+    uv: FloatArray
+    disparity: FloatArray
+    covariance: FloatArray
+    in_view: int = 0
+
+    def __len__(self) -> int:
+        return len(self.landmark)
+
+    @property
+    def share(self) -> float:
+        """Share of the landmarks in view that agree."""
+        return len(self) / max(self.in_view, 1)
 
 
 @dataclass(frozen=True)
@@ -28,11 +69,6 @@ class PoseFit:
     T_world_camera: FloatArray
     information: FloatArray
     distance: FloatArray
-
-
-def lens_of(rig: Rig) -> FloatArray:
-    """(fx, fy, cx, cy, skew, fx B, doffs, 0 for the offset): what the compiled loops know of a rig."""
-    return np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64)
 
 
 def fit_pose(
@@ -80,12 +116,101 @@ def fit_pose(
     >>> bool(np.abs(found.T_world_camera - np.eye(4)).max() < 1e-6)
     True
     """
-    from ._least_squares import improve_pose
+    from ._least_squares import distances, pose_equations, pose_step
 
-    T = inverse(T_world_camera)
-    R, t, information, distance = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(len(xyz))
-    weights = np.array(sigma) ** -2.0
-    if not improve_pose(lens_of(rig), R, t, xyz, seen, weights, huber, max_steps, information, distance):
-        raise GeometryError("pose: the equations have no solution, expected points that estimate a camera")
+    T, lens, weights = inverse(T_world_camera), lens_of(rig), np.array(sigma) ** -2.0
+    known = xyz, seen, weights, huber
+
+    def propose(state: _State, damping: float) -> _State | None:
+        R, t, S, b = state[:4]
+        after = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
+        cost = pose_step(lens, R, t, *known, S, b, damping, *after)
+        return None if cost < 0 else (*after, cost)
+
+    R, t, S, b = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(6)
+    start = R, t, S, b, pose_equations(lens, R, t, *known, S, b)
+    found = minimise("pose", start, lambda state: state[4], propose, max_steps)
+    R, t, information, _, _ = found.state
+    distance = np.empty(len(xyz))
+    distances(lens, R, t, xyz, seen, weights, distance)
     T[:3, :3], T[:3, 3] = R, t
     return PoseFit(inverse(T), information, distance)
+
+
+def fit_robustly(
+    rig: Rig, xyz: FloatArray, estimate: PoseEstimate, sigma: tuple[float, float], gates: tuple[float, ...],
+    min_matches: int,
+) -> PoseEstimate | None:  # fmt: skip
+    """Fit a pose to its landmarks with fewer and fewer outliers; None where too few are left.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    estimate : PoseEstimate
+        Where to start, and which landmarks are seen where.
+    sigma : (float, float)
+        Standard deviations of pixels and of disparities, px.
+    gates : tuple of float
+        Standard deviations beyond which an observation is dropped, round by round.
+    min_matches : int
+        Landmarks that a pose needs.
+
+    Returns
+    -------
+    PoseEstimate or None
+    """
+    T, points = estimate.T_world_camera, xyz[estimate.landmark]
+    seen, left = np.column_stack([estimate.uv, estimate.disparity]), np.arange(len(estimate))
+    for gate in gates:
+        if len(left) < min_matches:
+            return None
+        found = fit_pose(rig, T, points[left], seen[left], sigma)
+        T, left = found.T_world_camera, left[found.distance <= gate]
+    if len(left) < min_matches:
+        return None
+    found = fit_pose(rig, T, points[left], seen[left], sigma, max_steps=0)
+    covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
+    rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
+    return PoseEstimate(T, *rows, covariance, estimate.in_view)
+
+
+def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:
+    """Pose of a camera from points and where it sees them, many of them wrong: P3P in random samples (RANSAC).
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    xyz : (N, 3) float64
+        Points, m.
+    uv : (N, 2) float64
+        Where they are seen, px.
+    max_error : float
+        Largest distance of a point that agrees from where it is seen, px.
+    min_matches : int
+        Points that must agree.
+
+    Returns
+    -------
+    (4, 4) float64 or None
+        ``T_world_camera``; None if too few agree on one.
+    """
+    import cv2
+
+    if len(xyz) < min_matches:
+        return None
+    K = np.array([[rig.fx, rig.skew, rig.cx], [0, rig.fy, rig.cy], [0, 0, 1]])
+    cv2.setRNGSeed(0)
+    found, turn, t, kept = cv2.solvePnPRansac(
+        xyz, uv, K, None, iterationsCount=_SAMPLES, reprojectionError=max_error, confidence=_SURE,
+        flags=cv2.SOLVEPNP_P3P,
+    )  # fmt: skip
+    if not found or kept is None or len(kept) < min_matches:
+        return None
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(turn)[0].T
+    T[:3, 3] = -T[:3, :3] @ t[:, 0]
+    return T

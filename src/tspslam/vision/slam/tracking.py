@@ -1,47 +1,180 @@
-"""The pose of a camera from landmarks: their windows followed into the image, then least squares without outliers."""
+"""The pose of a camera near a guess: patches of landmarks tracked into its image, and what is believed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import BoolArray, FloatArray, Rig
-from ..images import Pyramid
+from ..._settings import check_settings, setting
+from ...types import BoolArray, Cloud, FloatArray, Rig
+from ..images import PreparedPair, Pyramid
 from ..rig import project
 from ..se3 import inverse
-from .patch_tracking import follow, warps
-from .pose import fit_pose
+from ..stereo.dense import checked_map, sample_map
+from ..stereo.reconstruct import Stereo
+from ..stereo.row_matcher import SearchNear, level_rows
+from .patch_tracking import Patch, track_patches, warps
+from .pose import PoseEstimate, fit_robustly
 
-MIN_MATCHES = 15
-SIGMA = 0.3  # px, of a followed point
-_GATES = (6.0, 3.5)  # standard deviations beyond which a match is dropped, round by round
-_MIN_SHARE = 0.3  # of the followed points that must agree on a pose
-# Shares of the landmarks in view that agree with a pose, from KITTI and EuRoC. Right ones: 0.35 to 0.6 at camera rate,
-# 0.27 and more at 5 m a frame, 0.1 and more seconds apart. Wrong ones, found near where the camera was not: up to 0.1.
-_CLEAR_SHARE = 0.25  # from which a pose needs no second opinion
-_MIN_ALONE, MIN_RECOGNISED = 0.12, 0.1  # that a pose needs; with descriptors that led there too
-_MIN_STEADY = 0.05  # where the motion goes on as before, as behind an object that fills half of the view
-_MANY_MORE = 3  # times the landmarks of the other pose: right poses had 4 and more times those of wrong ones
-_SAME = 0.02  # m per m of depth between two poses that are one
-_MIN_DEPTH = 0.1  # m
-_NEARER = 2.5  # times as near as in the reference, or as far: windows no longer look alike
-_NOTHING = 1e-9 * np.eye(6)  # of information, so that all have an inverse
+_DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong ones near the guess up to 0.1"
 
 
 @dataclass(frozen=True)
-class _Stage:
-    """Levels of the pyramid to go through, px of standard deviation, gates in those, and about how many points."""
+class TrackingSettings:
+    """How landmarks are tracked into an image, and when a pose is believed.
 
-    levels: range
-    sigma: float
-    gates: tuple[float, ...]
-    most: int
+    Shares are of the landmarks in view that agree with a pose.
+
+    Parameters
+    ----------
+    patch_radius : int
+        Half width of a patch, px.
+    patch_contrast : float
+        A pixel that differs from the centre by ``1 / contrast`` grey levels counts half.
+    patch_reach : float
+        Farthest that a patch moves at each level of the pyramid, px.
+    min_correlation : float
+        Of a patch that is found.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
+    rough_sigma_uv : float
+        The same at the coarse levels, px.
+    rough_points : int
+        About how many points are tracked at the coarse levels.
+    rough_gate, first_gate, last_gate : float
+        Standard deviations beyond which an observation is dropped: at the coarse levels, then at the fine ones.
+    min_matches : int
+        Landmarks that a pose needs.
+    min_agreement : float
+        Share of the tracked points that must agree on a pose.
+    max_zoom : float
+        How many times as near as in the keyframe a landmark may be, or as far.
+    min_depth : float
+        Depth of a landmark that is looked for, m.
+    clear_share : float
+        Share from which a pose needs no second opinion.
+    steady_share : float
+        Share that is enough where the motion goes on as before, as behind an object that fills half of the view.
+    lone_share : float
+        Share that a tracked pose needs where descriptors find none.
+    relocalized_share : float
+        Share that a pose from descriptors needs, or a tracked one that they confirm.
+    overrule : float
+        How many times as many landmarks a pose from descriptors needs to overrule a tracked one.
+    same_pose : float
+        Distance of two poses that count as one, m per m of depth.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> TrackingSettings(min_matches=30).clear_share
+    0.25
+    """
+
+    patch_radius: int = setting(5, 1, 15, unit="px", source="chosen by hand on KITTI's sequences")
+    patch_contrast: float = setting(0.03, 0, 10, unit="per grey level", source="chosen by hand on KITTI's sequences")
+    patch_reach: float = setting(4.0, 0.5, 50, unit="px", source="the next coarser level moves it twice as far")
+    min_correlation: float = setting(0.8, 0, 0.999, source="chosen by hand on KITTI's sequences")
+    sigma_uv: float = setting(0.3, 0.01, 10, unit="px", source="residuals on KITTI and on synthetic streets")
+    rough_sigma_uv: float = setting(2.0, 0.01, 50, unit="px", source="a pixel of the coarsest level but one is 4 px")
+    rough_points: int = setting(300, 15, 1_000_000, unit="points", source="more do not better the rough pose")
+    rough_gate: float = setting(5.0, 1, 100, unit="standard deviations", source="wide: outliers go at the fine levels")
+    first_gate: float = setting(6.0, 1, 100, unit="standard deviations", source="wide: the pose is still rough")
+    last_gate: float = setting(3.5, 1, 100, unit="standard deviations", source="one of 2 000 inliers is beyond")
+    min_matches: int = setting(15, 4, 10_000, unit="landmarks", source="five times what three points would fix")
+    min_agreement: float = setting(0.3, 0, 1, source="chosen by hand on KITTI's sequences")
+    max_zoom: float = setting(2.5, 1, 100, unit="times", source="patches no longer look alike beyond")
+    min_depth: float = setting(0.1, 1e-3, 1e3, unit="m", source="nearer than any stereo camera sees")
+    clear_share: float = setting(0.25, 0, 1, source=f"{_DRIVES}; 0.27 and more at 5 m a frame")
+    steady_share: float = setting(0.05, 0, 1, source="a synthetic object over a third of the view")
+    lone_share: float = setting(0.12, 0, 1, source=_DRIVES)
+    relocalized_share: float = setting(0.1, 0, 1, source=f"{_DRIVES}; 0.1 and more seconds apart")
+    overrule: float = setting(3.0, 1, 100, unit="times", source="right poses had 4 times and more those of wrong ones")
+    same_pose: float = setting(0.02, 0, 1, unit="m per m of depth", source="right poses are within 0.002")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_settings("tracking.pose", self)
+
+    @property
+    def patch(self) -> Patch:
+        """What a patch is."""
+        return Patch(self.patch_radius, self.patch_contrast, self.patch_reach, self.min_correlation)
 
 
-_ROUGH, _FINE = _Stage(range(3, 0, -1), 2.0, (5.0,), 300), _Stage(range(0, -1, -1), SIGMA, _GATES, 1_000_000)
+@dataclass(frozen=True)
+class Tracked:
+    """Where a frame was taken, and which landmarks it sees.
+
+    Attributes
+    ----------
+    T_world_camera : (4, 4) float64
+        Pose of the left camera; the world is the first frame's.
+    covariance : (6, 6) float64
+        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is a guess.
+    matches : int
+        Landmarks that agree with it.
+    is_keyframe : bool
+        Whether the map rests on it.
+    is_lost : bool
+        Whether too few landmarks were found: the pose is that of a steady motion.
+    stereo : Stereo or None
+        What both images show, where that was looked for.
+    landmark : (K,) int64
+        Numbers of the landmarks that it sees (`Map.landmark_id`), which stay.
+    uv : (K, 2) float64
+        Where, px.
+    disparity : (K,) float64
+        As measured, px; NaN where not known.
+    seconds : dict
+        Time of following, of the points of a keyframe, of adding it to the map, and of waiting for an adjustment, s;
+        varies from run to run.
+    """
+
+    T_world_camera: FloatArray
+    covariance: FloatArray
+    matches: int
+    is_keyframe: bool
+    is_lost: bool
+    stereo: Stereo | None = None
+    landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    uv: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    disparity: FloatArray = field(default_factory=lambda: np.empty(0))
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
+        """Tell which landmark each point of the frame's cloud is.
+
+        Parameters
+        ----------
+        cloud : Cloud
+            N points of this frame.
+        within : float
+            Largest distance of the two in u, v and disparity, px.
+
+        Returns
+        -------
+        (N,) int64
+            Numbers of landmarks; -1 where a point is none.
+        """
+        from scipy.spatial import cKDTree
+
+        seen = np.column_stack([self.uv, self.disparity])
+        known = np.flatnonzero(np.isfinite(seen).all(axis=1))
+        found = np.full(len(cloud), -1)
+        if len(known):
+            points = np.column_stack([cloud.uv, cloud.disparity])
+            _, nearest = cKDTree(seen[known]).query(points, distance_upper_bound=within)
+            is_one = nearest < len(known)
+            found[is_one] = self.landmark[known[nearest[is_one]]]
+        return found
 
 
 @dataclass(frozen=True)
@@ -57,7 +190,7 @@ class Reference:
     uv : (K, 2) float64
         Where it sees them, px.
     landmark : (K,) int64
-        Which they are.
+        Their rows in the map.
     """
 
     image: Pyramid
@@ -66,45 +199,10 @@ class Reference:
     landmark: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class PoseEstimate:
-    """A pose, and the landmarks that agree with it.
-
-    Attributes
-    ----------
-    T_world_camera : (4, 4) float64
-        The pose.
-    landmark : (K,) int64
-        Which landmarks.
-    uv : (K, 2) float64
-        Where they are seen, px.
-    disparity : (K,) float64
-        px; NaN where not known.
-    covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame.
-    in_view : int
-        How many landmarks should be seen from there.
-    """
-
-    T_world_camera: FloatArray
-    landmark: NDArray[np.int64]
-    uv: FloatArray
-    disparity: FloatArray
-    covariance: FloatArray
-    in_view: int = 0
-
-    def __len__(self) -> int:
-        return len(self.landmark)
-
-    @property
-    def share(self) -> float:
-        """Share of the landmarks in view that agree."""
-        return len(self) / max(self.in_view, 1)
-
-
 def track_pose(
-    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T_guess: FloatArray
-) -> PoseEstimate | None:
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T_guess: FloatArray,
+    settings: TrackingSettings,
+) -> PoseEstimate | None:  # fmt: skip
     """Find a camera's pose near a guess, from bearings; None where too few landmarks agree on one.
 
     Parameters
@@ -119,20 +217,94 @@ def track_pose(
         All landmarks, m.
     T_guess : (4, 4) float64
         ``T_world_camera`` to start from.
+    settings : TrackingSettings
+        Patches and gates.
+
+    Returns
+    -------
+    PoseEstimate or None
+        Without disparities.
     """
-    rough = _track_level(rig, image, references, xyz, T_guess, _ROUGH)
-    return rough and _track_level(rig, image, references, xyz, rough.T_world_camera, _FINE)
+    rough = range(3, 0, -1), settings.rough_sigma_uv, (settings.rough_gate,), settings.rough_points
+    fine = range(0, -1, -1), settings.sigma_uv, (settings.first_gate, settings.last_gate), max(1, len(xyz))
+    T, estimate = T_guess, None
+    for levels, sigma, gates, most in (rough, fine):
+        tracked = _track(rig, image, references, xyz, T, levels, most, settings)
+        estimate = fit_robustly(rig, xyz, tracked, (sigma, 1.0), gates, settings.min_matches)
+        if estimate is None or len(estimate) < settings.min_agreement * len(tracked):
+            return None
+        T = estimate.T_world_camera
+    return estimate
+
+
+def measure_disparities(
+    rig: Rig, images: PreparedPair, estimate: PoseEstimate, xyz: FloatArray, search: SearchNear, row_offset: float
+) -> FloatArray:
+    """Measure the disparities of landmarks near where a pose has them.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras, with the offset of the disparities in their `doffs`.
+    images : PreparedPair
+        What they show.
+    estimate : PoseEstimate
+        The pose, and K landmarks.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    search : callable
+        How (`search_near`).
+    row_offset : float
+        Rows of the right image less those of the left, px.
+
+    Returns
+    -------
+    (K,) float64
+        px; NaN where there is none.
+    """
+    if images.disparity is not None:
+        return sample_map(checked_map("disparity", images.disparity, rig), estimate.uv)
+    T = estimate.T_world_camera
+    depth = (xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]
+    guess = rig.fx * rig.baseline / depth - rig.doffs
+    planes = level_rows((images.left_image.smooth, images.right_image.smooth), row_offset)
+    return search(planes, estimate.uv, guess)
 
 
 def refine_pose(
-    rig: Rig, estimate: PoseEstimate, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float
-) -> PoseEstimate:
-    """The estimate bettered by disparities of its landmarks; itself if too few agree."""
+    rig: Rig, estimate: PoseEstimate, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float,
+    settings: TrackingSettings,
+) -> PoseEstimate:  # fmt: skip
+    """Refine a pose by disparities of its landmarks; it stays as it is if too few agree.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras, with the offset of the disparities in their `doffs`.
+    estimate : PoseEstimate
+        The pose from bearings, K landmarks.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    disparity : (K,) float64
+        As measured, px; NaN where not known.
+    sigma_disparity : float
+        Standard deviation of a disparity, px.
+    settings : TrackingSettings
+        Gates.
+
+    Returns
+    -------
+    PoseEstimate
+        With these disparities.
+    """
     measured = replace(estimate, disparity=disparity)
-    return _fit_robustly(rig, xyz, measured, SIGMA, sigma_disparity, _GATES) or estimate
+    sigma, gates = (settings.sigma_uv, sigma_disparity), (settings.first_gate, settings.last_gate)
+    return fit_robustly(rig, xyz, measured, sigma, gates, settings.min_matches) or estimate
 
 
-def is_clear(estimate: PoseEstimate, xyz: FloatArray, T_ahead: FloatArray | None) -> bool:
+def is_clear(
+    estimate: PoseEstimate, xyz: FloatArray, T_predicted: FloatArray | None, settings: TrackingSettings
+) -> bool:
     """Whether a pose needs no second opinion: many landmarks agree, or some, and it is where a steady motion has it.
 
     Parameters
@@ -141,112 +313,107 @@ def is_clear(estimate: PoseEstimate, xyz: FloatArray, T_ahead: FloatArray | None
         The pose.
     xyz : (M, 3) float64
         All landmarks, m.
-    T_ahead : (4, 4) float64 or None
+    T_predicted : (4, 4) float64 or None
         Pose that a steady motion leads to; None where the last motion is not known.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    bool
     """
-    if estimate.share >= _CLEAR_SHARE:
+    if estimate.share >= settings.clear_share:
         return True
-    return estimate.share >= _MIN_STEADY and T_ahead is not None and _away(estimate, T_ahead, xyz) <= _SAME
+    is_steady = T_predicted is not None and _distance(estimate, T_predicted, xyz) <= settings.same_pose
+    return is_steady and estimate.share >= settings.steady_share
 
 
-def choose_pose(followed: PoseEstimate | None, recognised: PoseEstimate | None, xyz: FloatArray) -> PoseEstimate | None:
-    """Which of two poses to believe: the one followed to from a guess, or the one that descriptors led to; or none.
+def choose_pose(
+    tracked: PoseEstimate | None, relocalized: PoseEstimate | None, xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate | None:
+    """Choose between the pose tracked from a guess and the one that descriptors led to; None if neither is believed.
 
-    A camera that moved farther than windows are looked for finds a few landmarks near any guess, so a pose needs enough
+    A camera that moved farther than patches are looked for finds a few landmarks near any guess, so a pose needs enough
     of those in view. Where both have enough, descriptors must lead to many more: they may be those of a moving object.
 
     Parameters
     ----------
-    followed, recognised : PoseEstimate or None
+    tracked, relocalized : PoseEstimate or None
         The two.
     xyz : (M, 3) float64
         All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate or None
     """
-    both = followed is not None and recognised is not None and _away(followed, recognised.T_world_camera, xyz) <= _SAME
-    if followed is not None and followed.share < (MIN_RECOGNISED if both else _MIN_ALONE):
-        followed = None
-    if recognised is not None and recognised.share < MIN_RECOGNISED:
-        recognised = None
-    if followed is None or recognised is None:
-        return recognised if followed is None else followed
-    return recognised if len(recognised) >= _MANY_MORE * len(followed) else followed
+    if tracked is not None:
+        is_confirmed = (
+            relocalized is not None and _distance(tracked, relocalized.T_world_camera, xyz) <= settings.same_pose
+        )
+        if tracked.share < (settings.relocalized_share if is_confirmed else settings.lone_share):
+            tracked = None
+    if relocalized is not None and relocalized.share < settings.relocalized_share:
+        relocalized = None
+    if tracked is None or relocalized is None:
+        return relocalized if tracked is None else tracked
+    return relocalized if len(relocalized) >= settings.overrule * len(tracked) else tracked
 
 
-def _away(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
+def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
     """How far a pose is from another, m per m of depth of its landmarks in the median."""
-    depth = float(np.median(_of_camera(xyz, estimate.landmark, estimate.T_world_camera)[:, 2]))
+    depth = float(np.median(_in_camera(xyz, estimate.landmark, estimate.T_world_camera)[:, 2]))
     return float(np.linalg.norm((T_world_camera - estimate.T_world_camera)[:3, 3])) / depth
 
 
-def _track_level(
-    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, stage: _Stage
-) -> PoseEstimate | None:
-    """Follow what should be seen from a pose, and settle on a pose."""
-    visible = [_visible(rig, reference, xyz, T) for reference in references]
+def _track(
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray, levels: range, most: int,
+    settings: TrackingSettings,
+) -> PoseEstimate:  # fmt: skip
+    """Where about `most` of the landmarks that should be seen from a pose are found in the image."""
+    visible = [_visible(rig, reference, xyz, T, settings) for reference in references]
     in_view = sum(map(len, visible))
-    step = max(1, in_view // stage.most)
+    step = max(1, in_view // most)
     found = [
-        _followed(rig, image, reference, rows[::step], xyz, T, stage.levels)
+        _track_reference(rig, image, reference, rows[::step], xyz, T, levels, settings.patch)
         for reference, rows in zip(references, visible, strict=True)
     ]
     uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    estimate = PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
-    settled = _fit_robustly(rig, xyz, estimate, stage.sigma, 1.0, stage.gates)
-    return settled if settled and len(settled) >= _MIN_SHARE * len(estimate) else None
+    return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
 
 
-def _visible(rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray) -> NDArray[np.int64]:
+def _visible(
+    rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray, settings: TrackingSettings
+) -> NDArray[np.int64]:
     """Rows of a reference's landmarks that lie in the view of a camera at T, about as near as in the reference."""
-    before, now = (_of_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
+    before, now = (_in_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = before[:, 2] / now[:, 2]
-    alike = (now[:, 2] > _MIN_DEPTH) & (ratio < _NEARER) & (ratio * _NEARER > 1)
-    return np.flatnonzero(alike & _inside(rig, project(rig, now)))
+        zoom = before[:, 2] / now[:, 2]
+    is_alike = (now[:, 2] > settings.min_depth) & (zoom < settings.max_zoom) & (zoom * settings.max_zoom > 1)
+    return np.flatnonzero(is_alike & _is_inside(rig, project(rig, now)))
 
 
-def _followed(
+def _track_reference(
     rig: Rig, image: Pyramid, reference: Reference, rows: NDArray[np.int64], xyz: FloatArray, T: FloatArray,
-    levels: range,
+    levels: range, patch: Patch,
 ) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
     """Places of some of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
     landmark = reference.landmark[rows]
-    places = project(rig, _of_camera(xyz, landmark, T))
-    shapes = warps(rig, inverse(T) @ reference.T_world_camera, _of_camera(xyz, landmark, reference.T_world_camera))
-    uv, good = follow(reference.image, image, reference.uv[rows], shapes, places, levels)
+    places = project(rig, _in_camera(xyz, landmark, T))
+    shapes = warps(rig, inverse(T) @ reference.T_world_camera, _in_camera(xyz, landmark, reference.T_world_camera))
+    uv, good = track_patches(reference.image, image, reference.uv[rows], shapes, places, levels, patch)
     return uv[good], landmark[good]
 
 
-def _of_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:
+def _in_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:
     """Landmarks in a camera's frame."""
-    seen: FloatArray = (xyz[landmark] - T[:3, 3]) @ T[:3, :3]
-    return seen
+    points: FloatArray = (xyz[landmark] - T[:3, 3]) @ T[:3, :3]
+    return points
 
 
-def _inside(rig: Rig, uv: FloatArray) -> BoolArray:
+def _is_inside(rig: Rig, uv: FloatArray) -> BoolArray:
     with np.errstate(invalid="ignore"):
         inside = (uv >= 0) & (uv <= (rig.width - 1, rig.height - 1))
     return np.asarray(inside[:, 0] & inside[:, 1])
-
-
-def _fit_robustly(
-    rig: Rig, xyz: FloatArray, estimate: PoseEstimate, sigma: float, sigma_disparity: float, gates: tuple[float, ...]
-) -> PoseEstimate | None:
-    """Least squares on the pose, with fewer and fewer outliers."""
-    T, points, seen = (
-        estimate.T_world_camera,
-        xyz[estimate.landmark],
-        np.column_stack([estimate.uv, estimate.disparity]),
-    )
-    left = np.arange(len(estimate))
-    for gate in gates:
-        if len(left) < MIN_MATCHES:
-            return None
-        found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity))
-        T, left = found.T_world_camera, left[found.distance <= gate]
-    if len(left) < MIN_MATCHES:
-        return None
-    found = fit_pose(rig, T, points[left], seen[left], (sigma, sigma_disparity), max_steps=0)
-    covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
-    return PoseEstimate(
-        T, estimate.landmark[left], estimate.uv[left], estimate.disparity[left], covariance, estimate.in_view
-    )

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._checks import check_ranges
+from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Features, FloatArray, StereoPair
-from .._parallel import both
 from .matches import Matches, supported
 
 _WIDEST = 0.35  # of the image's width: disparities beyond it leave too little in common

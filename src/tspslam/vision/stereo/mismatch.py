@@ -7,7 +7,7 @@ import numpy as np
 from ...errors import GeometryError
 from ...types import Features, FloatArray, StereoPair
 from ..features.orb import OrbDetector
-from ..images import grey_levels
+from ..images import SAME_PICTURE, PreparedPair
 from .descriptor_matcher import refuse_swapped
 from .matches import Matches
 
@@ -21,14 +21,6 @@ _LARGEST_TURN = 20.0  # degrees
 # quality 40 to 95 or WebP of 60: 0.05 in the median and 0.28 in 95 % of the matches, rows 0.01; moved by 0.1 px, 0.11
 # in the median.
 _SAME_MEDIAN, _SAME_MOST, _SAME_ROWS = 0.06, 0.3, 0.05
-_SAME = "left and right show the same picture, expected two views of one scene"
-
-
-def refuse_one_picture(pair: StereoPair) -> None:
-    """Raise GeometryError if left and right are the same array, and no map of disparities stands in for the right."""
-    left, right = pair.left, pair.right
-    if pair.disparity is None and np.array_equal(left, right) and left.min() < left.max():
-        raise GeometryError(f"{pair.name}: {_SAME}")
 
 
 def refuse_one_picture_stored_twice(pair: StereoPair, matches: Matches) -> None:
@@ -42,16 +34,16 @@ def refuse_one_picture_stored_twice(pair: StereoPair, matches: Matches) -> None:
     median, most = np.quantile(np.abs(matches.disparity), (0.5, 0.95))
     if median <= _SAME_MEDIAN and most <= _SAME_MOST:
         raise GeometryError(
-            f"{pair.name}: {_SAME} (of {len(matches)} matches, 95 % have disparities within {most:.2g} px of 0)"
+            f"{pair.name}: {SAME_PICTURE} (of {len(matches)} matches, 95 % have disparities within {most:.2g} px of 0)"
         )
 
 
-def explain_mismatch(pair: StereoPair, left: Features, right: Features, points: int) -> None:
+def explain_mismatch(pair: PreparedPair, left: Features, right: Features, points: int) -> None:
     """Raise GeometryError if few points were found because of a turn, rows that do not agree, or swapped sides.
 
     Parameters
     ----------
-    pair : StereoPair
+    pair : PreparedPair
         The images.
     left, right : Features
         Their keypoints.
@@ -68,7 +60,7 @@ def explain_mismatch(pair: StereoPair, left: Features, right: Features, points: 
     if points >= (_FEW_BARE if is_bare else _FEW) * count:
         return
     if is_bare:
-        left, right = (OrbDetector()(grey_levels(image)) for image in (pair.left, pair.right))
+        left, right = (OrbDetector()(image.grey) for image in (pair.left_image, pair.right_image))
     i, j = _free_matches(left, right)
     if len(i) < _NEEDED:
         return

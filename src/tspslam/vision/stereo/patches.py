@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._threads import in_halves
 from ...errors import InputError
 from ...types import BoolArray, FloatArray
-from .._parallel import in_halves
 from ..images import Plane
 
 _MAX_OFFSETS = 128  # matches that the vertical offset is measured on

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._checks import require_stage
+from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Cloud, Features, FloatArray, StereoPair
-from .._parallel import both
 from ..features.orb import OrbDetector
-from ..images import grey_levels
-from ..rig import check_pair
+from ..images import PreparedPair, prepare
 from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptor_matcher import DescriptorMatcher
 from .matches import Matches
-from .mismatch import explain_mismatch, refuse_one_picture, refuse_one_picture_stored_twice
+from .mismatch import explain_mismatch, refuse_one_picture_stored_twice
 from .row_matcher import RowMatcher
 from .triangulate import PIXEL_SIGMA, triangulate
 
@@ -163,11 +162,10 @@ class Stereo:
 
 def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     """Detect on both images at a time, match, triangulate; errors as `reconstruct`."""
-    check_pair(pair)
+    pair = prepare(pair)
     if pair.disparity is not None:
-        return _of_map(pair, pair.disparity, detect(grey_levels(pair.left)))
-    refuse_one_picture(pair)
-    left, right = both(lambda image: detect(grey_levels(image)), (pair.left, pair.right))
+        return _of_map(pair, pair.disparity, detect(pair.left_image.grey))
+    left, right = both(lambda image: detect(image.grey), (pair.left_image, pair.right_image))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
     refuse_one_picture_stored_twice(pair, matches)
@@ -183,7 +181,7 @@ def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     return Stereo(left, disparity, cloud, _quality(left, right, matches, cloud))
 
 
-def _of_map(pair: StereoPair, disparity: FloatArray, left: Features) -> Stereo:
+def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo:
     """What the left image and a map of disparities show."""
     _require_features(pair, left, left)
     try:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._checks import check_ranges
+from ..._threads import both
 from ...types import Features, FloatArray, StereoPair
-from .._parallel import both
-from ..images import Plane, smooth_plane
+from ..images import Plane, prepare
 from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
 from .descriptor_matcher import check_limits, median_and_spread, survey_disparities
 from .matches import Matches as Matches
@@ -19,6 +19,7 @@ from .matches import supported
 from .patches import Patches, refine, search, shift_rows, vertical_offsets
 
 Planes = tuple[Plane, Plane]
+SearchNear = Callable[[Planes, FloatArray, FloatArray], FloatArray]
 _LEVEL = 0.05  # px of vertical offset that do no harm
 _NEAR = 3.0  # px that a guess of a disparity may be off
 _PATCHES = Patches()
@@ -30,7 +31,7 @@ def level_rows(planes: Planes, offset: float) -> Planes:
     return planes if abs(offset) < _LEVEL else (planes[0], shift_rows(planes[1], offset))
 
 
-def search_near(matcher: object) -> Callable[[Planes, FloatArray, FloatArray], FloatArray]:
+def search_near(matcher: object) -> SearchNear:
     """Return how disparities are searched near known ones: the matcher's own `near`, else a `RowMatcher`'s.
 
     The latter keeps to the matcher's limits, if it has any.
@@ -40,7 +41,7 @@ def search_near(matcher: object) -> Callable[[Planes, FloatArray, FloatArray], F
     >>> search_near(DescriptorMatcher(max_disparity=64)).__self__.max_disparity
     64
     """
-    own: Callable[[Planes, FloatArray, FloatArray], FloatArray] | None = getattr(matcher, "near", None)
+    own: SearchNear | None = getattr(matcher, "near", None)
     high, low = (getattr(matcher, name, None) for name in ("max_disparity", "min_disparity"))
     return own or RowMatcher(max_disparity=high, min_disparity=low).near
 
@@ -141,7 +142,8 @@ class RowMatcher:
         (low, high), i, j = survey_disparities(self._descriptors(), left, right, pair)
         partner, guess = np.full(len(left.uv), -1), np.zeros(len(left.uv))
         partner[i], guess[i] = j, left.uv[i, 0] - right.uv[j, 0]
-        planes = both(smooth_plane, (pair.left, pair.right))
+        images = prepare(pair)
+        planes = both(lambda image: image.smooth, (images.left_image, images.right_image))
         planes, offset = self._level(planes, left.uv[i], guess[i])
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left.uv, start)

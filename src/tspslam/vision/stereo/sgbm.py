@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...types import Features, FloatArray, StereoPair
-from ..images import grey_levels, smooth_plane
+from ..images import prepare
 from .dense import sample_map
 from .descriptor_matcher import DescriptorMatcher, check_limits, median_and_spread, survey_disparities, widest_range
 from .matches import Matches
@@ -64,7 +64,8 @@ class SgbmMatcher:
         low, high = self._range(left, right, pair)
         found = sample_map(self.disparity_map(pair, low, high), left.uv)
         rows = np.flatnonzero(np.isfinite(found))
-        planes = smooth_plane(pair.left), smooth_plane(pair.right)
+        images = prepare(pair)
+        planes = images.left_image.smooth, images.right_image.smooth
         median, spread = median_and_spread(vertical_offsets(*planes, left.uv[rows], found[rows], Patches()))
         return Matches(rows, np.full(len(rows), -1), found[rows], np.ones(len(rows)), median, spread)
 
@@ -85,7 +86,8 @@ class SgbmMatcher:
             minDisparity=first, numDisparities=count, blockSize=self.block, P1=8 * area, P2=32 * area, disp12MaxDiff=1,
             uniquenessRatio=self.uniqueness, speckleWindowSize=self.speckle, speckleRange=2,
         )  # fmt: skip
-        found = sgbm.compute(grey_levels(pair.left), grey_levels(pair.right)) / _STEP
+        images = prepare(pair)
+        found = sgbm.compute(images.left_image.grey, images.right_image.grey) / _STEP
         return np.where(found >= first, found, np.nan)
 
     def _range(self, left: Features, right: Features, pair: StereoPair) -> tuple[float, float]:

@@ -1,0 +1,73 @@
+"""The thread budget: results are the same bytes with any number of threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from .errors import InputError
+
+A = TypeVar("A")
+B = TypeVar("B")
+_MAX = 1024
+_budget: int | None = None  # None: as many as there are cores
+
+
+def set_threads(count: int | None) -> None:
+    """Set how many threads work at a time in this process, OpenCV's too; None for one a core."""
+    global _budget
+    if count is not None and (isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MAX):
+        raise InputError(f"threads is {repr(count)[:40]}, expected 1 to {_MAX}, or None for one a core")
+    import cv2
+
+    _budget = count
+    cv2.setNumThreads(-1 if count is None else count)
+
+
+def thread_count() -> int:
+    """Return how many threads may work at a time."""
+    return _budget or os.cpu_count() or 1
+
+
+def both(function: Callable[[A], B], items: tuple[A, A]) -> tuple[B, B]:
+    """Apply `function` to two items at a time, one of them in this thread."""
+    if thread_count() < 2:
+        return function(items[0]), function(items[1])
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(function, items[0])
+        second = function(items[1])
+        return first.result(), second
+
+
+def in_halves(function: Callable[[slice], None], count: int, least: int = 2) -> None:
+    """Call `function` on the slices of two halves of `count` independent rows; on all at once if fewer than `least`."""
+    middle = count // 2
+    if count >= least:
+        both(function, (slice(0, middle), slice(middle, count)))
+    elif count:
+        function(slice(0, count))
+
+
+class Worker:
+    """A thread that does one thing after another; with a budget of one thread each is done at once, by the caller."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1) if thread_count() > 1 else None
+
+    def submit(self, function: Callable[..., B], *arguments: Any) -> Future[B]:
+        """Have `function` called; what it raises is raised by the future's `result`."""
+        if self._pool:
+            return self._pool.submit(function, *arguments)
+        done: Future[B] = Future()
+        try:
+            done.set_result(function(*arguments))
+        except Exception as error:  # as a pool does: whoever asks for the result hears of it
+            done.set_exception(error)
+        return done
+
+    def close(self) -> None:
+        """Wait for what is under way, and end the thread."""
+        if self._pool:
+            self._pool.shutdown()
