@@ -44,9 +44,10 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst dr
     "_jit": set(),
     "_settings": {"errors"},
     "_stopwatch": set(),
+    "_threads": {"errors"},
     "errors": set(),
 }
-SHARED = {"rig", "se3", "images", "_parallel"}  # files of `vision` that all of its rooms stand on
+SHARED = {"rig", "se3", "images"}  # files of `vision` that all of its rooms stand on
 BELOW_IN_VISION = {
     "slam": {"stereo", "features"} | SHARED,
     "stereo": {"features"} | SHARED,
@@ -57,8 +58,7 @@ BELOW_IN_VISION = {
     "_visibility": set(),
     "rig": set(),
     "se3": set(),
-    "images": set(),
-    "_parallel": set(),
+    "images": {"rig"},
 }
 MAX_FILES = 12  # in a folder of `vision`
 FILES = {path.relative_to(SRC).with_suffix("").as_posix(): ast.parse(path.read_text()) for path in SRC.rglob("*.py")}

@@ -11,6 +11,7 @@ import pytest
 import tspslam
 from tspslam.topology import solvers
 from tspslam.topology.spectral import _half_bound, heat_series
+from tspslam.vision import images
 from tspslam.vision.slam import odometry
 
 from .sequences import DETECTOR, RIG, corridor
@@ -102,16 +103,18 @@ def test_a_decomposition_with_few_cycles_factors_one_laplacian_once(monkeypatch)
 
 
 def test_a_frame_that_is_followed_is_not_searched_for_keypoints(monkeypatch):
-    """Both images of a keyframe are; each left image is made a pyramid of once."""
-    detected, pyramids, pyramid = [], [], odometry.pyramid
-    monkeypatch.setattr(odometry, "pyramid", lambda image: (pyramids.append(1), pyramid(image))[1])
-    ours = odometry.Odometry(RIG, detector=lambda grey: (detected.append(1), DETECTOR(grey))[1])
+    """Both images of a keyframe are. Each image is made grey levels of once, each left one a pyramid."""
+    detected, pyramids, greys, halved, levels = [], [], [], images._halved, images.luminance_levels
+    monkeypatch.setattr(images, "_halved", lambda plane: (pyramids.append(1), halved(plane))[1])
+    monkeypatch.setattr(images, "luminance_levels", lambda image: (greys.append(1), levels(image))[1])
+    ours = odometry.StereoOdometry(RIG, detector=lambda grey: (detected.append(1), DETECTOR(grey))[1])
     walk = corridor(6.0)
     tracked = [ours.process(pair) for pair in walk]
     keyframes = sum(one.is_keyframe for one in tracked)
     assert 0 < keyframes < len(walk)
     assert len(detected) == 2 * keyframes
     assert len(pyramids) == len(walk)
+    assert len(greys) <= 2 * len(walk)
 
 
 @pytest.mark.parametrize("job", ["import tspslam", "--help"])

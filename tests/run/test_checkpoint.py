@@ -14,7 +14,7 @@ from tspslam.errors import InputError
 from tspslam.io import RunFolder
 from tspslam.run.sequence import STATE_NAME, SequenceRun
 from tspslam.session import Session, Settings
-from tspslam.vision.slam.odometry import Odometry, Tracking
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 
 from ..sequences import DETECTOR, RIG, corridor
 
@@ -269,18 +269,18 @@ def test_a_checkpoint_that_was_not_changed_counts_in_silence(walk, whole, tmp_pa
 
 
 def test_a_state_of_nothing_is_gone_on_from(walk):
-    odometry = Odometry(RIG, detector=DETECTOR)
-    odometry.restore(Odometry(RIG, detector=DETECTOR).state(), lambda number: walk[number].left)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
+    odometry.restore(StereoOdometry(RIG, detector=DETECTOR).state(), lambda number: walk[number].left)
     assert odometry.process(walk[0]).is_keyframe
 
 
 def test_a_state_of_other_cameras_does_not_hold_together(walk):
     import dataclasses
 
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     for index in range(2):
         odometry.process(walk[index])
-    other = Odometry(dataclasses.replace(RIG, cx=RIG.cx + RIG.width), detector=DETECTOR)
+    other = StereoOdometry(dataclasses.replace(RIG, cx=RIG.cx + RIG.width), detector=DETECTOR)
     with pytest.raises(InputError, match="keyframe 0 does not see its landmarks where they are"):
         other.restore(odometry.state(), lambda number: walk[number].left)
 

@@ -14,7 +14,7 @@ from tspslam.io.vtu import read_vtu
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
 from tspslam.vision.slam import bundle
-from tspslam.vision.slam.odometry import Odometry, Tracking
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 
 from ..datasets.standard import kitti_seq1
 from ..sequences import DETECTOR, RIG, SETTINGS, Kept, corridor
@@ -123,7 +123,7 @@ def test_pictures_without_a_world_behind_them_are_lost(walk, tmp_path):
 
 
 def test_nothing_to_finish_is_fine(walk):
-    odometry = Odometry(walk.rig)
+    odometry = StereoOdometry(walk.rig)
     odometry.finish()
     assert len(odometry.trajectory) == 0
     assert odometry.disparity_offset == (0.0, pytest.approx(0.3))
@@ -201,7 +201,7 @@ def test_a_path_that_tears_is_no_clean_success(walk, tmp_path):
 def test_an_adjustment_without_a_solution_leaves_the_map_and_is_told(walk, tmp_path, monkeypatch):
     solved = bundle._solved
     monkeypatch.setattr(bundle, "_solved", lambda S, b: None if len(b) > 7 else solved(S, b))
-    odometry = Odometry(walk.rig, detector=DETECTOR)
+    odometry = StereoOdometry(walk.rig, detector=DETECTOR)
     tracked = [odometry.process(pair) for pair in walk]
     odometry.finish()
     assert odometry.unsolved > 0

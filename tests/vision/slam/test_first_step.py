@@ -8,8 +8,9 @@ import pytest
 from tspslam.datasets import KittiSequence, open_sequence, synthetic
 from tspslam.datasets.synthetic import shapes
 from tspslam.vision.features.spread import Features
-from tspslam.vision.slam.odometry import Odometry
-from tspslam.vision.slam.tracking import PoseEstimate, choose_pose, is_clear
+from tspslam.vision.slam.odometry import StereoOdometry
+from tspslam.vision.slam.pose import PoseEstimate
+from tspslam.vision.slam.tracking import TrackingSettings, choose_pose, is_clear
 
 from ...datasets.standard import kitti_seq1, shared
 from ...sequences import DETECTOR, RIG
@@ -21,7 +22,7 @@ def turned(degrees):
 
 def first_step(pairs, truth, detector=DETECTOR):
     """Length of the true step, m; that of the error, m; and what was tracked."""
-    odometry = Odometry(pairs[0].rig, detector=detector)
+    odometry = StereoOdometry(pairs[0].rig, detector=detector)
     tracked = [odometry.process(pair) for pair in pairs]
     true, found = (np.linalg.inv(T[0]) @ T[1] for T in (truth, [one.T_world_camera for one in tracked]))
     error = np.linalg.inv(true) @ found
@@ -100,7 +101,7 @@ XYZ = np.tile((0.0, 0.0, 10.0), (1000, 1))
     ],
 )
 def test_a_pose_is_believed_on_many_landmarks_or_on_a_second_opinion(followed, recognised, wanted):
-    found = choose_pose(followed, recognised, XYZ)
+    found = choose_pose(followed, recognised, XYZ, TrackingSettings())
     assert found is {"followed": followed, "recognised": recognised, None: None}[wanted]
 
 
@@ -109,8 +110,10 @@ def test_a_steady_motion_is_believed_where_most_landmarks_move_with_something_el
     T_ahead = np.eye(4)
     T_ahead[2, 3] = z
     followed, recognised = estimate(99, 940), estimate(315, 1150, 0.5)
-    assert is_clear(followed, XYZ, T_ahead) == wanted
-    assert choose_pose(followed, recognised, XYZ) is recognised  # what is asked where it is not clear
-    assert not is_clear(followed, XYZ, None)
-    assert not is_clear(estimate(17, 818), XYZ, np.eye(4))
-    assert choose_pose(estimate(17, 818), None, XYZ) is None
+    assert is_clear(followed, XYZ, T_ahead, TrackingSettings()) == wanted
+    assert (
+        choose_pose(followed, recognised, XYZ, TrackingSettings()) is recognised
+    )  # what is asked where it is not clear
+    assert not is_clear(followed, XYZ, None, TrackingSettings())
+    assert not is_clear(estimate(17, 818), XYZ, np.eye(4), TrackingSettings())
+    assert choose_pose(estimate(17, 818), None, XYZ, TrackingSettings()) is None

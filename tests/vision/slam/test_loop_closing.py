@@ -7,17 +7,22 @@ import numpy as np
 import pytest
 
 from tspslam import InputError, Trajectory, evaluate_trajectory
+from tspslam.vision.features.binary import binary_descriptors
 from tspslam.vision.images import pyramid
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam import map as mapping
-from tspslam.vision.slam.loop_closing import MAX_DRIFT, detect_loop, merge_observations, places_near
-from tspslam.vision.slam.odometry import Odometry
-from tspslam.vision.slam.relocalization import binary_descriptors, relocalize
-from tspslam.vision.slam.tracking import PoseEstimate
+from tspslam.vision.slam.loop_closing import LoopSettings, PlaceRecognition, distribute_loop_error
+from tspslam.vision.slam.map import MapSettings
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
+from tspslam.vision.slam.pose import PoseEstimate
+from tspslam.vision.slam.tracking import TrackingSettings
 
 from ...sequences import DETECTOR, RIG, corridor
 
 THERE = 40  # frames; 0.5 m each
+
+
+def places(odometry):
+    return PlaceRecognition(odometry.map, TrackingSettings(), LoopSettings())
 
 
 @pytest.fixture(scope="module")
@@ -30,14 +35,14 @@ def walk():
 @pytest.fixture(scope="module")
 def state(walk):
     odometry = went(walk[0])
-    odometry._join()
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
     return odometry.state()
 
 
 @pytest.fixture
 def there(walk, state):
     """An odometry that walked there."""
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     odometry.restore({name: values.copy() for name, values in state.items()}, lambda number: walk[0][number].left)
     return odometry
 
@@ -49,8 +54,8 @@ def to_and_fro(walk, passes):
     return [replace(walk[0][k], stamp=float(n), index=n) for n, k in enumerate(order)], walk[1][order]
 
 
-def went(pairs):
-    odometry = Odometry(RIG, detector=DETECTOR)
+def went(pairs, tracking=None):
+    odometry = StereoOdometry(RIG, detector=DETECTOR, tracking=tracking)
     for pair in pairs:
         odometry.process(pair)
     return odometry
@@ -73,7 +78,7 @@ def test_a_map_of_one_place_stops_growing(walk):
     was 1.0 to 1.6 times that of the first two passes (landmarks, keyframes and observations), and the path's error 3 to 7 mm.
     """
     pairs, truth = to_and_fro(walk, 6)
-    odometry, sizes = Odometry(RIG, detector=DETECTOR), []
+    odometry, sizes = StereoOdometry(RIG, detector=DETECTOR), []
     for k, pair in enumerate(pairs, 1):
         odometry.process(pair)
         if k % (2 * THERE) == 0:
@@ -83,9 +88,9 @@ def test_a_map_of_one_place_stops_growing(walk):
     assert off(odometry, truth) < 0.02
 
 
-def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk, monkeypatch):
+def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_theirs_goes(walk):
     pairs, _ = to_and_fro(walk, 4)
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     before, gone = None, 0
     thin = odometry.map._cull_keyframes
 
@@ -103,11 +108,12 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
     odometry.finish()
     before = odometry.trajectory.T_world_camera
     odometry.map.keyframes[1:-7] = [replace(frame) for frame in odometry.map.keyframes[1:-7]]
-    while not odometry.map.dropped:  # fewer and fewer are needed
-        monkeypatch.setattr(mapping, "_SEEN_ENOUGH", mapping._SEEN_ENOUGH - 1)
+    for share in (0.6, 0.3, 0.0):  # less and less is needed
+        odometry.map.settings = MapSettings(min_views=1, redundant_share=share)
         thin()
-    odometry._hand_over()
-    np.testing.assert_allclose(odometry.trajectory.T_world_camera, before, atol=1e-9)
+    assert odometry.map.dropped
+    odometry.path.record(1e3, odometry.map)
+    np.testing.assert_allclose(odometry.trajectory.T_world_camera[:-1], before, atol=1e-9)
 
 
 @pytest.fixture
@@ -118,10 +124,10 @@ def bent(walk, there):
     T[:3, 3] = 0.05, 0.0, 0.03
     c, s = np.cos(0.004), np.sin(0.004)
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    before = odometry._last_pose()
-    odometry.map.distribute_loop_error(0, T, odometry._pose)
+    before = odometry.map.keyframes[-1].T_world_camera
+    distribute_loop_error(odometry.map, 0, T, odometry.path.pose)
     odometry.map.has_new_loop = False
-    odometry._follow_map(before)
+    odometry.path.pose = odometry.map.keyframes[-1].T_world_camera @ inverse(before) @ odometry.path.pose
     return odometry, pairs, truth
 
 
@@ -133,7 +139,7 @@ def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
     """
     odometry, pairs, truth = bent
     if not is_closed:
-        monkeypatch.setattr("tspslam.vision.slam.odometry.detect_loop", lambda *_: None)
+        monkeypatch.setattr(PlaceRecognition, "detect_loop", lambda *_: None)
     for pair in pairs[THERE:]:
         odometry.process(pair)
     odometry.finish()
@@ -147,7 +153,7 @@ def test_bending_moves_what_came_since_and_nothing_before(there):
     world, T = odometry.map, np.eye(4)
     T[:3, 3] = 0.1, 0, 0
     before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
-    world.distribute_loop_error(2, T, odometry._pose)
+    distribute_loop_error(world, 2, T, odometry.path.pose)
     moved = np.array([(frame.T_world_camera - T0)[0, 3] for frame, T0 in zip(world.keyframes, before, strict=True)])
     assert (moved[:3] == 0).all()
     assert (np.diff(moved[2:]) > 0).all()
@@ -166,25 +172,25 @@ def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, ther
     estimate = PoseEstimate(
         T, world.keyframes[-1].landmark, world.keyframes[-1].uv, world.keyframes[-1].disparity, np.eye(6)
     )
-    found = detect_loop(world, image, estimate, features.uv, binary_descriptors(features.descriptor))
+    found = places(there).detect_loop(image, estimate, features.uv, binary_descriptors(features.descriptor))
     assert found is not None
     assert np.linalg.norm((found.estimate.T_world_camera - walk[1][3])[:3, 3]) < 0.01
-    assert found.drift > MAX_DRIFT
+    assert found.drift > LoopSettings().max_drift
     assert len(found.estimate) >= 30
 
 
 def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(there):
-    world = there.map
+    world, places_near = there.map, places(there).places_near
     frame = world.keyframes[0]
     here = PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
     none = np.zeros(len(world.xyz), np.bool_)
-    assert places_near(world, here, none)[0][0] == 0
-    assert 0 not in dict(places_near(world, here, ~none))
+    assert places_near(here, none)[0][0] == 0
+    assert 0 not in dict(places_near(here, ~none))
     turned = here.T_world_camera @ np.diag([-1.0, 1, -1, 1])
-    assert places_near(world, replace(here, T_world_camera=turned), none) == []
+    assert places_near(replace(here, T_world_camera=turned), none) == []
     beyond = here.T_world_camera.copy()
     beyond[2, 3] -= 50
-    assert places_near(world, replace(here, T_world_camera=beyond), none) == []
+    assert places_near(replace(here, T_world_camera=beyond), none) == []
 
 
 def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
@@ -195,17 +201,18 @@ def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
     for shift, is_found in ((0.05, True), (1.5, False)):
         T[0, 3] = shift
         estimate = PoseEstimate(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
-        assert (detect_loop(odometry.map, image, estimate, features.uv, descriptors) is not None) is is_found
+        found = places(odometry).detect_loop(image, estimate, features.uv, descriptors)
+        assert (found is not None) is is_found
 
 
 def test_a_camera_that_only_turned_is_bent_too(walk):
     odometry = went(walk[0][:12])
-    odometry._join()
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
     world, T = odometry.map, np.eye(4)
     for k in range(len(world.keyframes)):
-        world._change(k, T_world_camera=np.eye(4))
+        world.change(k, T_world_camera=np.eye(4))
     T[:3, 3] = 0.1, 0, 0
-    world.distribute_loop_error(0, T, np.eye(4))
+    distribute_loop_error(world, 0, T, np.eye(4))
     moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])
     np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
 
@@ -220,9 +227,9 @@ def test_landmarks_in_one_place_become_one(there):
         np.concatenate([world.xyz, world.xyz[frame.landmark]]),
         np.tile(world.descriptors, (2, 1)),
     )
-    estimate = merge_observations(
-        world, again, PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
-    )
+    world.landmark_id = np.concatenate([world.landmark_id, world.next_id + np.arange(n)])
+    tracked = PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
+    estimate = places(there).merge_observations(again, tracked, 0.3)
     known = np.isfinite(frame.disparity)
     assert np.isin(twin[known], world.keyframes[-1].landmark).all()
     assert not np.isin(frame.landmark[known], world.keyframes[-1].landmark).any()
@@ -233,7 +240,7 @@ def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
     pairs, truth = walk
     blind = [replace(pairs[0], left=0 * pairs[0].left, right=0 * pairs[0].right) for _ in range(2)]
     order = [*pairs[:30], *blind, *pairs[4:12]]
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     tracked = [odometry.process(replace(pair, stamp=float(n))) for n, pair in enumerate(order)]
     assert [n for n, one in enumerate(tracked) if one.is_lost] == [30, 31]
     assert tracked[32].is_keyframe
@@ -244,8 +251,8 @@ def test_a_camera_carried_away_blind_is_found_at_an_old_place(walk):
 def test_two_parts_of_a_map_are_joined_when_the_camera_comes_back(walk, monkeypatch):
     pairs, truth = walk
     order = [*range(26), *range(5, 16)]
-    monkeypatch.setattr("tspslam.vision.slam.odometry.recognised", lambda *_: None)
-    odometry = Odometry(RIG, detector=DETECTOR)
+    monkeypatch.setattr(PlaceRecognition, "relocalize", lambda *_: None)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     tracked = [odometry.process(replace(pairs[k], stamp=float(n))) for n, k in enumerate(order)]
     assert [n for n, one in enumerate(tracked) if one.is_lost] == [26, 27, 28]
     assert tracked[28].is_keyframe
@@ -260,16 +267,15 @@ def test_two_parts_of_a_map_are_joined_when_the_camera_comes_back(walk, monkeypa
 
 def test_nobody_is_recognised_where_nobody_was(walk):
     odometry = went(walk[0][:12])
-    odometry._join()
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
     noise = np.random.default_rng(0).integers(0, 255, walk[0][0].left.shape[:2]).astype(np.uint8)
     features = DETECTOR(noise)
     descriptors = binary_descriptors(features.descriptor)
-    assert relocalize(odometry.map, pyramid(noise), features.uv, descriptors) is None
+    assert places(odometry).relocalize(pyramid(noise), features.uv, descriptors) is None
 
 
-def test_images_of_old_keyframes_take_bounded_room(walk, monkeypatch):
-    monkeypatch.setattr(mapping, "_MAX_IMAGES", 1)
-    odometry = went(to_and_fro(walk, 2)[0])
+def test_images_of_old_keyframes_take_bounded_room(walk):
+    odometry = went(to_and_fro(walk, 2)[0], Tracking(map=MapSettings(image_bytes=1)))
     held = [frame.grey is not None for frame in odometry.map.keyframes]
     assert len(held) > 14 >= sum(held)
     assert all(held[-7:])
@@ -282,7 +288,7 @@ def test_going_on_from_a_state_gives_the_same_bytes(bent, stop):
     pairs = pairs + [replace(pair, stamp=pair.stamp + 2 * THERE) for pair in pairs]
     for pair in pairs[THERE:stop]:
         odometry.process(pair)
-    other = Odometry(RIG, detector=DETECTOR)
+    other = StereoOdometry(RIG, detector=DETECTOR)
     other.restore(odometry.state(), lambda number: pairs[number].left)
     for one in (odometry, other):
         for pair in pairs[stop : stop + 20]:
@@ -296,11 +302,11 @@ def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
     odometry, pairs, _ = bent
     for pair in pairs[THERE:]:
         odometry.process(pair)
-        if odometry.map.has_new_loop and odometry._asked is not None:
+        if odometry.map.has_new_loop and odometry.mapper.is_adjusting:
             break
     else:
         pytest.fail("no loop was closed")
-    other = Odometry(RIG, detector=DETECTOR)
+    other = StereoOdometry(RIG, detector=DETECTOR)
     other.restore(odometry.state(), lambda number: pairs[number].left)
     for one in (odometry, other):
         one.finish()
@@ -313,4 +319,4 @@ def test_a_state_whose_frames_hang_on_no_keyframe_is_refused(walk):
     state = odometry.state()
     state["anchors"] = state["anchors"] + 100
     with pytest.raises(InputError, match="the state does not hold together"):
-        Odometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)
+        StereoOdometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)

@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from tspslam import GeometryError, InputError, Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
+from tspslam.vision.features.binary import binary_descriptors, match_descriptors
 from tspslam.vision.features.sift_brisk import SiftDetector
 from tspslam.vision.rig import project
-from tspslam.vision.slam.map import DisparityBias
-from tspslam.vision.slam.odometry import Odometry, Tracking
-from tspslam.vision.slam.relocalization import binary_descriptors, solve_pnp
-from tspslam.vision.slam.tracking import SIGMA, PoseEstimate, refine_pose
+from tspslam.vision.slam.local_mapping import DisparityBias
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
+from tspslam.vision.slam.pose import PoseEstimate, solve_pnp
+from tspslam.vision.slam.tracking import TrackingSettings, refine_pose
 
 from ... import sequences
 from ...sequences import DETECTOR, RIG, Kept
@@ -21,7 +22,7 @@ from ...sequences import DETECTOR, RIG, Kept
 
 def drive(pairs, detector=DETECTOR, **options):
     pairs = list(pairs)
-    odometry = Odometry(pairs[0].rig, detector=detector, tracking=Tracking(**options))
+    odometry = StereoOdometry(pairs[0].rig, detector=detector, tracking=Tracking(**options))
     tracked = [odometry.process(pair) for pair in pairs]
     odometry.finish()
     return odometry, tracked
@@ -67,9 +68,9 @@ def test_the_covariance_is_that_of_errors_where_sights_have_their_standard_devia
     rng, errors, covariances = np.random.default_rng(0), [], []
     for _ in range(300):
         seen = PoseEstimate(
-            np.eye(4), np.arange(150), uv + rng.normal(0, SIGMA, uv.shape), np.full(150, np.nan), np.eye(6)
+            np.eye(4), np.arange(150), uv + rng.normal(0, 0.3, uv.shape), np.full(150, np.nan), np.eye(6)
         )
-        found = refine_pose(RIG, seen, xyz, disparity + rng.normal(0, 0.3, 150), 0.3)
+        found = refine_pose(RIG, seen, xyz, disparity + rng.normal(0, 0.3, 150), 0.3, TrackingSettings())
         errors.append(twist(found.T_world_camera))
         covariances.append(found.covariance)
     assert mean_distance(errors, covariances) == pytest.approx(1, abs=4 * (2 / (6 * 300)) ** 0.5)
@@ -86,13 +87,13 @@ def test_images_with_noise_scatter_a_pose_by_no_more_than_its_covariance(corrido
             pair, **{side: image.astype(np.uint8) for side, image in zip(("left", "right"), both, strict=True)}
         )
 
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     for k in range(3):
         odometry.process(corridor[k])
-    odometry._join()
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
     state, found = odometry.state(), []
     for seed in range(30):
-        again = Odometry(RIG, detector=DETECTOR)
+        again = StereoOdometry(RIG, detector=DETECTOR)
         again.restore({name: values.copy() for name, values in state.items()}, lambda k: corridor[k].left)
         found.append(again.process(noisy(3, seed)))
     middle = np.linalg.inv(found[0].T_world_camera)
@@ -126,7 +127,7 @@ def test_a_still_camera_does_not_drift():
 
 @pytest.mark.parametrize("spoil", ["black", "right missing"])
 def test_a_bad_frame_is_told_and_the_path_goes_on(corridor, spoil):
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     tracked = []
     for k, pair in enumerate(corridor):
         if k in (8, 9):
@@ -146,7 +147,7 @@ def test_dropped_frames_are_bridged(corridor):
 
 
 def test_pairs_that_do_not_belong_are_refused(corridor):
-    odometry = Odometry(RIG, detector=DETECTOR)
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
     odometry.process(corridor[0])
     with pytest.raises(InputError, match="or later"):
         odometry.process(replace(corridor[1], stamp=-1.0))
@@ -154,7 +155,7 @@ def test_pairs_that_do_not_belong_are_refused(corridor):
         odometry.process(replace(corridor[1], rig=replace(RIG, baseline=0.3)))
     black = np.zeros_like(corridor[0].left)
     with pytest.raises(GeometryError, match="too little texture"):
-        Odometry(RIG).process(replace(corridor[0], left=black, right=black))
+        StereoOdometry(RIG).process(replace(corridor[0], left=black, right=black))
     with pytest.raises(InputError, match="tracking: window is 1"):
         Tracking(window=1)
 
@@ -175,17 +176,22 @@ def scene(seed=0, n=300):
     return uv, descriptors, np.column_stack([x, y, np.ones(n)]) * z[:, None]
 
 
+def pose_by_descriptors(uv, descriptors, xyz, wanted):
+    keypoint, row = match_descriptors(descriptors, wanted, max_hamming=64, ratio=0.85)
+    return solve_pnp(RIG, xyz[row], uv[keypoint], max_error=4.0, min_matches=15)
+
+
 def test_a_place_is_recognised_by_descriptors_alone():
     uv, descriptors, xyz = scene()
     rng = np.random.default_rng(1)
     rows = rng.permutation(len(uv))[:200]
     wanted = descriptors[rows] ^ (np.uint64(1) << rng.integers(0, 64, (200, 4)).astype(np.uint64))
-    T = solve_pnp(RIG, uv, descriptors, xyz[rows], wanted)
+    T = pose_by_descriptors(uv, descriptors, xyz[rows], wanted)
     np.testing.assert_allclose(T, np.eye(4), atol=1e-5)
     strangers = rng.integers(0, 1 << 63, wanted.shape).astype(np.uint64)
-    assert solve_pnp(RIG, uv, descriptors, xyz[rows], strangers) is None
-    assert solve_pnp(RIG, uv, descriptors[:, :0], xyz[rows], wanted[:, :0]) is None
-    assert solve_pnp(RIG, uv[:1], descriptors[:1], xyz[rows], wanted) is None
+    assert pose_by_descriptors(uv, descriptors, xyz[rows], strangers) is None
+    assert pose_by_descriptors(uv, descriptors[:, :0], xyz[rows], wanted[:, :0]) is None
+    assert pose_by_descriptors(uv[:1], descriptors[:1], xyz[rows], wanted) is None
 
 
 @pytest.mark.parametrize("size", [128, 64])

@@ -1,4 +1,4 @@
-"""Windows are found where they went, to a few hundredths of a pixel, or said not to be found."""
+"""Patches are found where they went, to a few hundredths of a pixel, or said not to be found."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from tspslam import Rig
 from tspslam.vision.images import pyramid
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.patch_tracking import follow, warps
+from tspslam.vision.slam.patch_tracking import Patch, track_patches, warps
 
 FINE, ALL = range(0, -1, -1), range(3, -1, -1)
 
@@ -19,6 +19,10 @@ def image():
     return ((noise - noise.min()) / np.ptp(noise) * 255).astype(np.uint8)
 
 
+def follow(*given):
+    return track_patches(*given, Patch())
+
+
 def moved(image, A):
     """The image under ``A @ (u, v, 1)``."""
     return cv2.warpAffine(image, A, image.shape[::-1], flags=cv2.INTER_CUBIC)
@@ -27,7 +31,7 @@ def moved(image, A):
 @pytest.mark.parametrize("gain", [1.0, 0.6])
 @pytest.mark.parametrize("shift", [(0.3, -0.45), (2.5, 1.25), (-17.3, 11.8)])
 @pytest.mark.parametrize("size", [1.0, 1.15])
-def test_windows_are_found_to_a_few_hundredths_of_a_pixel(image, shift, size, gain):
+def test_patches_are_found_to_a_few_hundredths_of_a_pixel(image, shift, size, gain):
     A = np.array([[size, 0.03, shift[0]], [-0.03, size, shift[1]]])
     place = np.random.default_rng(1).uniform((90, 90), (280, 190), (200, 2))
     true = place @ A[:, :2].T + A[:, 2]

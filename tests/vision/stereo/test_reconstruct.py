@@ -13,11 +13,11 @@ from PIL import Image as PillowImage
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import GeometryError, InputError
 from tspslam.types import Features, Rig, StereoPair
-from tspslam.vision import _parallel
+from tspslam import _threads
 from tspslam.vision.features.grid import GridDetector
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.rig import covariance, project
-from tspslam.vision.slam.odometry import Odometry
+from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.stereo import descriptor_matcher as descriptors
 from tspslam.vision.stereo import reconstruct
 from tspslam.vision.stereo import row_matcher as matching
@@ -69,7 +69,7 @@ def test_result_does_not_depend_on_threads(pair: StereoPair, monkeypatch: pytest
         return function(items[0]), function(items[1])
 
     two = reconstruct.reconstruct(pair)
-    for module in (_parallel, descriptors, matching, reconstruct):
+    for module in (_threads, descriptors, matching, reconstruct):
         monkeypatch.setattr(module, "both", one_by_one)
     one = reconstruct.reconstruct(pair)
     for name in ("xyz", "uv", "disparity", "covariance"):
@@ -117,7 +117,7 @@ def test_one_picture_twice_is_refused(pair: StereoPair, doffs: float) -> None:
         with pytest.raises(GeometryError, match=r"^motorcycle: left and right show the same picture, expected two"):
             reconstruct_with_quality(twice, **options)  # type: ignore[arg-type]
     with pytest.raises(GeometryError, match="show the same picture"):
-        Odometry(twice.rig).process(twice)
+        StereoOdometry(twice.rig).process(twice)
 
 
 @pytest.mark.parametrize("doffs", [0.0, 31.086])
