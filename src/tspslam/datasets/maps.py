@@ -104,7 +104,7 @@ def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int |
 
     Returns
     -------
-    image : (H, W) or (H, W, 3) array
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
         uint8 or uint16.
     bits : int or None
         None for 8-bit pixels.

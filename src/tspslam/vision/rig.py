@@ -29,9 +29,9 @@ def back_project(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> FloatArray:
     ----------
     rig : Rig
         The cameras.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Pixels of the left image.
-    disparity : (N,) array
+    disparity : (N,) float array
         ``u_left - u_right``, px; ``disparity + doffs`` must be positive (at least 1e-9).
 
     Returns
@@ -64,7 +64,7 @@ def project(rig: Rig, xyz: ArrayLike) -> FloatArray:
     ----------
     rig : Rig
         The cameras.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Points in the left camera's frame, m.
 
     Returns
@@ -106,9 +106,9 @@ def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) 
     ----------
     rig : Rig
         The cameras.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Pixels of the left image.
-    disparity : (N,) array
+    disparity : (N,) float array
         ``u_left - u_right``, px.
     sigma : (N,) array or float
         Standard deviation of each measured coordinate, px, not negative.

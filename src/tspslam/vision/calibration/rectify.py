@@ -46,7 +46,7 @@ class Rectification:
 
         Parameters
         ----------
-        left, right : (H, W) or (H, W, 3) array
+        left, right : (H, W) or (H, W, 3) uint8, uint16 or float array
             Images of the raw cameras.
 
         Returns

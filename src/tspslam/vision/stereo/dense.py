@@ -32,7 +32,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     disparity : (H, W) float array
         ``u_left - u_right`` at each pixel of the left image, px; NaN, infinite, or without positive depth where it is
         not known.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Places in the left image, px: keypoints, or `GridDetector`'s.
     sigma : (N,) array or float
         Standard deviation of u_left, u_right and v, px.
@@ -87,9 +87,9 @@ def cloud_from_depth(
     ----------
     rig : Rig
         The camera; any baseline will do for one without a second eye, and sets the covariance.
-    depth : (H, W) array
+    depth : (H, W) float array
         z at each pixel; 0, NaN or infinite, or the largest of a type of whole numbers (65535), where it is not known.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Places in the image, px.
     unit : float, optional
         Metres in one step of `depth`: 0.001 for millimetres. Whole numbers need it; floats are metres by default.
@@ -155,7 +155,7 @@ def unknown_values(values: NDArray[Any]) -> tuple[float, ...]:
 
     Parameters
     ----------
-    values : (H, W) array
+    values : (H, W) float array
         Depths or disparities as they were written, whole numbers or floats.
 
     Returns
