@@ -11,6 +11,7 @@ import tspslam
 SRC = Path(tspslam.__file__).parent
 GROUND = {
     "_atomic",
+    "_channels",
     "_checks",
     "_files",
     "_jit",
@@ -39,7 +40,8 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst dr
     "_npz": {"_files", "errors"},
     "_text": {"_files"},
     "_yaml": {"_files", "_text"},
-    "types": {"_checks", "errors"},
+    "types": {"_channels", "_checks", "errors"},
+    "_channels": set(),
     "_checks": {"errors"},
     "_jit": set(),
     "_settings": {"errors"},
@@ -218,7 +220,7 @@ def referred(found) -> dict[str, str]:
 
 def is_vague(kind: str, annotation: str) -> bool:
     """Whether an array lacks its shape or the type of its numbers."""
-    is_array = re.search(r"Array|\bImage\b", annotation) or re.search(r"\barrays?\b", kind)
+    is_array = re.search(r"Array|(?<!\.)\bImage\b(?!\.)", annotation) or re.search(r"\barrays?\b", kind)
     if not is_array or "Callable" in annotation or "sparse" in kind:
         return False
     return not (re.search(SHAPE, kind) and re.search(DTYPE, kind))

@@ -104,8 +104,8 @@ def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int |
 
     Returns
     -------
-    image : (H, W) or (H, W, 3) uint8, uint16 or float array
-        uint8 or uint16.
+    image : (H, W) or (H, W, 3) uint8 or uint16
+        The pixels, moved up to the full range.
     bits : int or None
         None for 8-bit pixels.
 
@@ -143,8 +143,8 @@ def read_map(path: PathLike) -> NDArray[Any]:
 
     Returns
     -------
-    (H, W) array
-        Of the file's own type: whole numbers or floats.
+    (H, W) integers or floats
+        Of the file's own type.
 
     Raises
     ------

@@ -112,6 +112,15 @@ def merge_corners(xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray
 def repeated_corners(xyz: FloatArray) -> int:
     """Count the vertices that have the coordinates of an earlier one.
 
+    Parameters
+    ----------
+    xyz : (N, 3) float64
+        Vertices, m.
+
+    Returns
+    -------
+    int
+
     Examples
     --------
     >>> repeated_corners(np.array([[0, 0, 1.0], [1, 0, 1], [-0.0, 0, 1]]))

@@ -39,6 +39,15 @@ def normalised(T: FloatArray) -> FloatArray:
 
     Products of inverses double the rounding of a rotation at each step; this takes it out.
 
+    Parameters
+    ----------
+    T : (..., 4, 4) float64
+        Rigid motions but for rounding.
+
+    Returns
+    -------
+    (..., 4, 4) float64
+
     Examples
     --------
     >>> bool(np.allclose(normalised(np.diag([1.001, 1.0, 1.0, 1.0])), np.eye(4)))
@@ -51,7 +60,18 @@ def normalised(T: FloatArray) -> FloatArray:
 
 
 def repeated(T: FloatArray, times: float) -> FloatArray:
-    """Motion (4, 4) done so many times: its rotation vector and its translation times a number.
+    """A motion done so many times: its rotation vector and its translation times a number.
+
+    Parameters
+    ----------
+    T : (4, 4) float64
+        Rigid motion, m.
+    times : float
+        Any number; 0.5 is half of the way.
+
+    Returns
+    -------
+    (4, 4) float64
 
     Examples
     --------
@@ -69,12 +89,17 @@ def repeated(T: FloatArray, times: float) -> FloatArray:
 
 
 def rotation_angle(R: FloatArray) -> FloatArray:
-    """Angle of rotations, (...,) rad in [0, π], exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
+    """Angle of rotations, exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
 
     Parameters
     ----------
     R : (..., 3, 3) float64
         Rotations.
+
+    Returns
+    -------
+    (...,) float64
+        rad, 0 to π.
 
     Examples
     --------

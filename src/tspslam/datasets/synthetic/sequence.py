@@ -190,7 +190,17 @@ class SyntheticSequence:
         return (self[place] for place in range(len(self)))
 
     def geometry(self, place: int) -> Geometry:
-        """Tell the truth behind each pixel of the left image of pair `place`: depth, normal, label, disparity."""
+        """Tell the truth behind each pixel of the left image of pair `place`: depth, normal, label, disparity.
+
+        Parameters
+        ----------
+        place : int
+            Number of the pair, from 0.
+
+        Returns
+        -------
+        Geometry
+        """
         place = checked_index(place, len(self))
         return self._renderer.geometry(self.rig, self.truth[place], float(self.stamps[place]))
 

@@ -118,15 +118,38 @@ def rectification(raw: RawRig) -> Rectification:
 
 
 def camera_matrix(camera: Camera | Rig) -> FloatArray:
-    """Intrinsic matrix of eq. (2), (3, 3)."""
+    """Intrinsic matrix of eq. (2).
+
+    Parameters
+    ----------
+    camera : Camera or Rig
+        Of a `Rig`, the left one.
+
+    Returns
+    -------
+    (3, 3) float64
+        px.
+    """
     return np.array([[camera.fx, camera.skew, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64)
 
 
 def distort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels (u, v) at which a raw camera sees rays (x, y, 1), by Brown's model.
+    """Pixels at which a raw camera sees rays (x, y, 1), by Brown's model.
 
     ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)``, likewise y with p1 and p2 changed, then the
     intrinsic matrix.
+
+    Parameters
+    ----------
+    camera : Camera
+        The lens.
+    x, y : float64 array of one shape (...,)
+        Directions: x / z, y / z.
+
+    Returns
+    -------
+    u, v : (...,) float64
+        px.
     """
     k1, k2, p1, p2, k3 = camera.distortion
     rr = x * x + y * y

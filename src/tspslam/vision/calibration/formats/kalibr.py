@@ -10,7 +10,17 @@ KIND = "Kalibr camchain"
 
 
 def is_kalibr(source: Source) -> bool:
-    """Tell whether a mapping is a camera chain."""
+    """Tell whether a mapping is a camera chain.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return any(isinstance(source.values.get(name), dict) for name in ("cam0", "cam1"))
 
 

@@ -36,7 +36,17 @@ _LONG = 5.0  # m; few rigs are as wide, but 60 is what one calibrated in mm says
 
 
 def is_opencv(source: Source) -> bool:
-    """Tell whether a mapping has keys of a stereo calibration."""
+    """Tell whether a mapping has keys of a stereo calibration.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     keys = {key for names in _LENSES for key in names if not key.startswith(("D", "dist"))}
     has_pose = all(isinstance(source.values.get(key), dict | list) for key in "RT")
     return has_pose or bool((keys | {"P1", "P2"}) & source.values.keys())

@@ -28,7 +28,17 @@ _FURTHER = ("k4", "k5", "k6")
 
 
 def is_orbslam(source: Source) -> bool:
-    """Tell whether a mapping is a settings file."""
+    """Tell whether a mapping is a settings file.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return any(isinstance(key, str) and key.startswith(("Camera.", "Camera1.", "LEFT.")) for key in source.values)
 
 
