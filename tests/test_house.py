@@ -166,11 +166,26 @@ def test_public_names_are_documented():
     assert not missing
 
 
-NOT_YET = """
-    session vision/slam/ vision/images vision/stereo/reconstruct vision/stereo/row_matcher vision/stereo/mismatch
-    run/pipeline run/sequence run/record run/map run/mesh view/ interop/meshes interop/colmap
-    io/frames io/runs io/runfolder io/manifest
-""".split()  # files, or rooms, whose docstrings don't pass yet
+NOT_YET = [
+    "session",
+    "vision/slam/",
+    "vision/images",
+    "vision/stereo/reconstruct",
+    "vision/stereo/row_matcher",
+    "vision/stereo/mismatch",
+    "run/pipeline",
+    "run/sequence",
+    "run/record",
+    "run/map",
+    "run/mesh",
+    "view/",
+    "interop/meshes",
+    "interop/colmap",
+    "io/frames",
+    "io/runs",
+    "io/runfolder",
+    "io/manifest",
+]  # files, or rooms, whose docstrings don't pass yet
 SHAPE = r"\((?:\.{3}|\w+),(?: [\w, +*]+)?\)"  # (N,) and (N, 3), (..., 4, 4), (n + 1,)
 DTYPE = r"\b(u?int(eger)?|float|complex|number|bool|str)\d*s?\b"
 
