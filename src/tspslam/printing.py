@@ -42,7 +42,7 @@ def _escape(code: int) -> str:
 
 
 def say(*lines: str) -> None:
-    """Print lines of a result on stdout; a reader who has gone away wants no more of it.
+    """Print lines of a result on stdout; a closed pipe ends the output silently.
 
     Parameters
     ----------

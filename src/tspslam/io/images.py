@@ -102,7 +102,7 @@ def read_numbers(path: PathLike, expected: str) -> NDArray[Any]:
     Raises
     ------
     InputError
-        As `read_image`, but for numbers that are no whole ones of 16 bits.
+        As `read_image`, except that pixels need not be integers of 16 bits.
 
     Examples
     --------

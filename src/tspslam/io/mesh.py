@@ -1,4 +1,4 @@
-"""A triangle mesh from any file that we read, told by its suffix."""
+"""A triangle mesh from any format that we read; the suffix tells which."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command may write to: never an input, never a file of a run, and over another kind of file only if forced."""
+"""What a command may write to: never an input or a file of a run, and another kind of file only if forced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid motions as (..., 4, 4) matrices, and the one that lays a set of points on another."""
+"""Rigid motions as (..., 4, 4) matrices, and the one that aligns two sets of points."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def inverse(T: FloatArray) -> FloatArray:
 
 
 def normalised(T: FloatArray) -> FloatArray:
-    """Nearest rigid motions to (..., 4, 4) matrices that are ones but for rounding.
+    """Nearest rigid motions to matrices that are rigid motions but for rounding.
 
     Products of inverses double the rounding of a rotation at each step; this takes it out.
 
@@ -60,7 +60,7 @@ def normalised(T: FloatArray) -> FloatArray:
 
 
 def repeated(T: FloatArray, times: float) -> FloatArray:
-    """A motion done so many times: its rotation vector and its translation times a number.
+    """A motion repeated: its rotation vector and its translation times a number.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def rotation_angle(R: FloatArray) -> FloatArray:
 
 
 def alignment(source: FloatArray, target: FloatArray, *, with_scale: bool = False) -> tuple[FloatArray, float]:
-    """Rigid motion, and scale, that lay points on others with the least sum of squares (Umeyama 1991).
+    """Rigid motion, and scale, that align points with others in the least-squares sense (Umeyama 1991).
 
     Parameters
     ----------

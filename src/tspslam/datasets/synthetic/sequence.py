@@ -27,7 +27,7 @@ PAPER_RIG = Rig(fx=387.77, fy=387.77, cx=257.446, cy=197.718, baseline=0.24, wid
 
 @dataclass(frozen=True)
 class Faults:
-    """What keeps a real camera from being perfect.
+    """How a real camera departs from a perfect one.
 
     Attributes
     ----------

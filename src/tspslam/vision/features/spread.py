@@ -44,7 +44,7 @@ def choose_evenly(
     count : int
         How many are wanted.
     per_cell : float
-        How many a cell gives in the mean; smaller spreads more evenly.
+        How many a cell gives on average; smaller spreads more evenly.
     spacing : float
         Least distance of two, as a share of ``sqrt(H W / count)``, the distance in a regular grid.
 

@@ -45,7 +45,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     Raises
     ------
     InputError
-        If the map has not the rig's size or is not of floats, or `uv` is no array of places in the image.
+        If the map has another size than the rig or is not of floats, or `uv` is no array of places in the image.
     GeometryError
         If the map knows none of the places.
 
@@ -86,7 +86,7 @@ def cloud_from_depth(
     Parameters
     ----------
     rig : Rig
-        The camera; any baseline will do for one without a second eye, and sets the covariance.
+        The camera; any baseline will do for a single camera, and sets the covariance.
     depth : (H, W) float array
         z at each pixel; 0, NaN or infinite, or the largest of a type of whole numbers (65535), where it is not known.
     uv : (N, 2) float array

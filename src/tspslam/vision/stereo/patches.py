@@ -1,4 +1,4 @@
-"""Windows compared along rows: search in whole pixels, refinement to a fraction, vertical offset."""
+"""Patches compared along rows: search in whole pixels, refinement to a fraction, vertical offset."""
 
 from __future__ import annotations
 
@@ -193,8 +193,8 @@ def vertical_offsets(
 
     Parameters
     ----------
-    first, second : (H, W) uint8
-        Smoothed left and right images.
+    first, second : (H, W) float32
+        Smoothed planes.
     uv : (N, 2) float64
         Positions in the first image, px.
     disparity : (N,) float64

@@ -71,7 +71,8 @@ class SgbmMatcher:
     def disparity_map(self, pair: StereoPair, low: float, high: float) -> FloatArray:
         """Disparities of the left image by semi-global matching.
 
-        OpenCV's hold in 16 bits: limits are cut to ±2000 px. An image smaller than twice the block knows nothing.
+        OpenCV keeps disparities in 16 bits: limits are cut to ±2000 px. Of an image smaller than twice the
+        block nothing is known.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Calibration files of other programs: what kind a file is, told by its content, and what it says of the cameras."""
+"""Calibration files of other programs: the content of a file tells its format, and the cameras that it describes."""
 
 from __future__ import annotations
 

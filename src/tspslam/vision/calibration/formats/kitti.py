@@ -89,7 +89,8 @@ def read_kitti(source: Source, size: Size | None = None) -> Calibration:
     """Read the values of a KITTI file.
 
     An odometry file has a rectified pair (P0, P1) without its image size. A raw drive's file has the pair both as it
-    was recorded and rectified: the size of the images tells which is meant, and without one it is the rectified.
+    was recorded and rectified: the size of the images tells which is meant; without one it is
+    the rectified pair.
 
     Parameters
     ----------

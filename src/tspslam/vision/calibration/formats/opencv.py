@@ -53,7 +53,7 @@ def is_opencv(source: Source) -> bool:
 
 
 def read_opencv(source: Source, size: Size | None = None) -> Calibration:
-    """Read the cameras as they were calibrated, or where only ``P1`` and ``P2`` are there, the rectified pair.
+    """Read the raw cameras, or the rectified pair where the file has only ``P1`` and ``P2``.
 
     Lenses are ``M1 D1 M2 D2``, ``K1 D1 K2 D2`` or ``cameraMatrix1 distCoeffs1 ...``; ``x2 = R x1 + T``. They may be in
     one file, or in two whose names differ in ``intrinsics`` and ``extrinsics``.

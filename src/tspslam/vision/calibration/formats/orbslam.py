@@ -63,7 +63,7 @@ def read_orbslam(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If a value is missing or out of range, the lens is another than PinHole or Rectified, a rectified camera is
+        If a value is missing or out of range, the lens is neither PinHole nor Rectified, a rectified camera is
         distorted, or no image size is known.
 
     Examples
