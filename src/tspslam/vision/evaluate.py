@@ -113,9 +113,9 @@ def evaluate_trajectory(
 
     Poses are matched by the nearest stamp; each true pose is used once. The absolute trajectory error (ATE) is that of
     Sturm et al. 2012: distances after the rigid motion that minimises their squares. The relative pose error (RPE) of a
-    pair is ``(Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j)``, Q true and P estimated. The RPE a frame is over pairs of matched poses that are one
-    frame apart, by the median interval of the estimate's stamps; where true poses are sparser than frames, over those
-    that are as many frames apart as most neighbours, divided by that number. A gap is no frame.
+    pair is ``(Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j)``, Q true and P estimated. The RPE per frame is over pairs of matched poses that
+    are one frame apart, by the median interval of the estimate's stamps; where true poses are sparser than frames, over
+    those that are as many frames apart as most neighbours, divided by that number. A gap is no frame.
 
     Parameters
     ----------
