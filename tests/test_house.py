@@ -1,6 +1,7 @@
 """The house keeps its shape: arrows point down, the wings never meet, functions stay short."""
 
 import ast
+import importlib.util
 import re
 import statistics
 import tomllib
@@ -9,6 +10,7 @@ from pathlib import Path
 import tspslam
 
 SRC = Path(tspslam.__file__).parent
+ROOT = Path(__file__).parents[1]
 GROUND = {
     "_atomic",
     "_channels",
@@ -23,7 +25,7 @@ GROUND = {
     "types",
     "errors",
 }
-BELOW = {  # what each room may import, besides itself: docs/architecture.rst draws it
+BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
     "cli": {"run", "view", "session", "interop", "datasets", "io", "vision", "topology", "printing"} | GROUND,
     "run": {"session", "interop", "datasets", "io", "view", "vision", "topology"} | GROUND,
@@ -104,6 +106,24 @@ def test_rooms_of_vision_point_down_too():
         and other not in BELOW_IN_VISION[room]
     ]
     assert not wrong
+
+
+def test_the_architecture_page_shows_these_arrows():
+    spec = importlib.util.spec_from_file_location("rooms", ROOT / "docs" / "rooms.py")
+    drawing = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(drawing)
+    rooms, inner = ({name: below for name, (_, below) in table.items()} for table in drawing.read_tables())
+    assert rooms == {name: below - GROUND for name, below in BELOW.items() if name not in GROUND | {"__main__"}}
+    kernels = {name for name in BELOW_IN_VISION if name.startswith("_")}
+    expected = {name: BELOW_IN_VISION[name] - SHARED - kernels for name in BELOW_IN_VISION.keys() - SHARED - kernels}
+    assert inner == expected
+    assert rooms.keys() | inner.keys() <= drawing.ACROSS.keys() | drawing.WINGS.keys()
+
+
+def test_files_that_the_architecture_page_names_are_there():
+    named = re.findall(r"``([\w/]+\.py)``", (ROOT / "docs" / "architecture.rst").read_text(encoding="utf-8"))
+    assert named
+    assert not [name for name in named if not (SRC / name).exists() and not (ROOT / name).exists()]
 
 
 def test_no_folder_of_vision_is_crowded():
@@ -263,9 +283,6 @@ def test_public_functions_say_what_they_take_and_give():
         for what in undocumented(node)
     ]
     assert not wrong, "\n".join(wrong)
-
-
-ROOT = Path(__file__).parents[1]
 
 
 def test_every_package_of_the_gate_has_an_exact_version():
