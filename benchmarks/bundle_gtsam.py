@@ -32,7 +32,7 @@ def window_figures(hold: str, solver: str, seed: int = 0, rounds: int = 5) -> Fi
     )
     found, (values, steps) = oracle.adjusted(problem, max_steps=STEPS), search(*ready)
     return {
-        "points": len(problem.xyz), "sights": len(problem.seen.pose),
+        "points": len(problem.xyz), "observations": len(problem.seen.pose),
         "ms": 1e3 * ours, "gtsam_ms": 1e3 * whole, "gtsam_search_ms": 1e3 * search_only,
         "gtsam_graph_ms": 1e3 * median_seconds(made, rounds), "ratio": ratio, "search_ratio": search_ratio,
         "steps": found.steps, "gtsam_steps": steps, "cost_beyond": found.cost / (2 * ready[0].error(values)) - 1,

@@ -20,10 +20,10 @@ class Naive:
 
     def process(self, pair: StereoPair) -> FloatArray:
         """Pose of the left camera in the world."""
-        words, uv, xyz, known = self._points(pair)
+        descriptors, uv, xyz, known = self._points(pair)
         if self.last is not None:
-            self._move(words, uv)
-        self.last = words[known], xyz
+            self._move(descriptors, uv)
+        self.last = descriptors[known], xyz
         return self.pose.copy()
 
     def _points(self, pair: StereoPair) -> tuple[np.ndarray, np.ndarray, FloatArray, np.ndarray]:
@@ -37,10 +37,10 @@ class Naive:
         rays = (left[known] - (self.rig.cx, self.rig.cy)) / (self.rig.fx, self.rig.fy)
         return d1, left, np.column_stack([rays, np.ones(len(z))]) * z[:, None], known
 
-    def _move(self, words: np.ndarray, uv: np.ndarray) -> None:
+    def _move(self, descriptors: np.ndarray, uv: np.ndarray) -> None:
         assert self.last is not None
         before, xyz = self.last
-        found = self.matcher.match(before, words)
+        found = self.matcher.match(before, descriptors)
         X, x = xyz[[m.queryIdx for m in found]], uv[[m.trainIdx for m in found]]
         if len(found) < 6:
             return

@@ -13,7 +13,7 @@ from sphinx.util.nodes import make_refnode
 
 import tspslam
 
-sys.path.insert(0, str(Path(__file__).parent))  # pictures.py
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, rooms.py
 
 project = "tspslam"
 author = copyright = "The tspslam authors"
@@ -56,10 +56,13 @@ PACKAGE = sorted(Path(tspslam.__file__).parent.rglob("*.py"))
 def draw_pictures(app):
     """The pictures that the pages show, drawn by the package when its code, or theirs, has changed."""
     import pictures
+    import rooms
 
     from tspslam.view import write_pictures
 
     folder = Path(app.srcdir, "_generated")
+    folder.mkdir(exist_ok=True)
+    rooms.draw(folder / "rooms.svg")
     drawn = [folder / name for name in ("keypoints_depth.png", "signals.png", "phase.png", *pictures.NAMES)]
     changed = max(path.stat().st_mtime for path in (*PACKAGE, Path(pictures.__file__)))
     if all(path.exists() and path.stat().st_mtime > changed for path in drawn):

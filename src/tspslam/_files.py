@@ -43,7 +43,7 @@ def unpacked_limit(size: int) -> int:
 
 
 def is_link(status: os.stat_result) -> bool:
-    """Whether `os.lstat` found a link: a symbolic one, or a junction of Patches."""
+    """Whether `os.lstat` found a link: a symbolic one, or a junction of Windows."""
     return stat.S_ISLNK(status.st_mode) or getattr(status, "st_reparse_tag", 0) == _JUNCTION
 
 

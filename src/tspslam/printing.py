@@ -20,6 +20,15 @@ def escaped(text: str) -> str:
     Such are line breaks, tabs, the terminal's control characters (C0, C1), marks that turn the direction of writing,
     characters without a width, and bytes of a name that are no text.
 
+    Parameters
+    ----------
+    text : str
+        Of any characters.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> print(escaped("a\x1b[2Jb\u202etxt.exe"))
@@ -33,7 +42,12 @@ def _escape(code: int) -> str:
 
 
 def say(*lines: str) -> None:
-    """Print lines of a result on stdout; a reader who has gone away wants no more of it.
+    """Print lines of a result on stdout; a closed pipe ends the output silently.
+
+    Parameters
+    ----------
+    lines : str
+        Each is a line.
 
     Raises
     ------
@@ -52,7 +66,13 @@ def say(*lines: str) -> None:
 
 
 def note(*lines: str) -> None:
-    """Print lines on stderr, if anybody listens."""
+    """Print lines on stderr, if anybody listens.
+
+    Parameters
+    ----------
+    lines : str
+        Each is a line.
+    """
     if sys.stderr is not None:
         with contextlib.suppress(OSError):
             _write(sys.stderr, lines)
@@ -103,7 +123,18 @@ def _note_traceback(kind: type[BaseException], error: BaseException, trace: Trac
 
 @contextlib.contextmanager
 def progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
-    """Show how far one is: a bar on stderr if it is a terminal, else a line every tenth of the frames."""
+    """Show how far one is: a bar on stderr if it is a terminal, else a line every tenth of the frames.
+
+    Parameters
+    ----------
+    total : int
+        Number of frames.
+
+    Yields
+    ------
+    callable, (done, total, name)
+        To call after each frame.
+    """
     if sys.stderr is None or not sys.stderr.isatty():
         every = max(1, total // 10)
         yield (lambda done, of, name: note(f"{done}/{of} {name}") if of > 1 and done % every == 0 else None)

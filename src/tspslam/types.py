@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._channels import one_channel as one_channel
+from ._channels import phase_of as phase_of
 from ._checks import real_array as real_array
 from ._checks import refuse_path, require
 from .errors import InputError
@@ -27,17 +29,6 @@ REC601 = np.array([0.299, 0.587, 0.114])
 
 UNIT_OF = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}
 """What makes pixels of an integer type luminance in [0, 1]."""
-
-
-def phase_of(z: NDArray[np.complex128]) -> FloatArray:
-    """``arg z`` in (-π, π], rad: -π is mapped to π."""
-    angle = np.angle(z)
-    return np.where(angle == -np.pi, np.pi, angle)
-
-
-def one_channel(values: NDArray[Any]) -> NDArray[Any]:
-    """Mean over the channels of an (n,) or (n, C) signal or response, (n,)."""
-    return values if values.ndim == 1 else values.mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -395,8 +386,12 @@ class Response:
 
         Parameters
         ----------
-        angle : float or (N,) array
+        angle : float or (N,) float array
             θ, rad, clockwise on the screen from the direction of u; one for all vertices or one each.
+
+        Returns
+        -------
+        (N,) or (N, C) float64
 
         Examples
         --------

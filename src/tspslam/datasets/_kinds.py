@@ -1,4 +1,4 @@
-"""Files that are no images of a pair: what they are, and the way from them to some."""
+"""Files that are no images of a pair: what they are, and how to get images from them."""
 
 from __future__ import annotations
 

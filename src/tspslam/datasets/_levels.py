@@ -1,4 +1,4 @@
-"""Bits that 16-bit pixels use: cameras of 10, 12 and 14 bits fill a part of their files' range only."""
+"""Bits that 16-bit pixels use: cameras of 10, 12 and 14 bits fill only a part of their files' range."""
 
 from __future__ import annotations
 

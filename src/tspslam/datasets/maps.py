@@ -39,7 +39,7 @@ def pair_from_map(
     map_ : str or path
         Depths or disparities of its pixels: a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a ``.npy`` file.
     calib : str or path
-        Calibration, as `tspslam.read_calibration` reads it; for depths of a camera without a second eye any baseline
+        Calibration, as `tspslam.read_calibration` reads it; for depths of a single camera any baseline
         will do.
     kind : {"depth", "disparity"}
         What the map holds.
@@ -93,7 +93,7 @@ def pair_from_map(
 
 
 def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int | None]:
-    """Read an image whose 16-bit pixels, if it has such, fill their range, and how many bits they used.
+    """Read an image, its 16-bit pixels moved up to fill their range, and how many bits they used.
 
     Parameters
     ----------
@@ -104,8 +104,8 @@ def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int |
 
     Returns
     -------
-    image : (H, W) or (H, W, 3) array
-        uint8 or uint16.
+    image : (H, W) or (H, W, 3) uint8 or uint16
+        The pixels, moved up to the full range.
     bits : int or None
         None for 8-bit pixels.
 
@@ -143,8 +143,8 @@ def read_map(path: PathLike) -> NDArray[Any]:
 
     Returns
     -------
-    (H, W) array
-        Of the file's own type: whole numbers or floats.
+    (H, W) integers or floats
+        Of the file's own type.
 
     Raises
     ------

@@ -63,8 +63,8 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
     Returns
     -------
-    (H, W) or (H, W, 3) array
-        uint8, or uint16 for 16-bit pixels; colour is RGB.
+    (H, W) or (H, W, 3) uint8 or uint16
+        uint16 for pixels of more than 8 bits; colour is RGB.
 
     Raises
     ------
@@ -96,13 +96,13 @@ def read_numbers(path: PathLike, expected: str) -> NDArray[Any]:
 
     Returns
     -------
-    (H, W) or (H, W, 3) array
-        uint8, uint16, int32 or float32; a PFM's last row comes first in the file and last here.
+    (H, W) or (H, W, 3) uint8, uint16, int32 or float32
+        A PFM's last row comes first in the file and last here.
 
     Raises
     ------
     InputError
-        As `read_image`, but for numbers that are no whole ones of 16 bits.
+        As `read_image`, except that pixels need not be integers of 16 bits.
 
     Examples
     --------
@@ -264,7 +264,19 @@ def _check_png(handle: BinaryIO) -> None:
 
 
 def load_pixels(image: Image.Image, handle: BinaryIO) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Decode an image that was opened from `handle`, grey or RGB."""
+    """Decode an image, grey or RGB.
+
+    Parameters
+    ----------
+    image : PIL.Image.Image
+        As it was opened from `handle`.
+    handle : binary file
+        The open file.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8 or uint16
+    """
     deep, most = _depth_that_is_cut(image), _declared(image)
     _load(image)
     return _pixels(image) if deep is None else _deep_pixels(image, handle, deep, most)

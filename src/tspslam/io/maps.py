@@ -17,7 +17,15 @@ Columns = dict[str, NDArray[Any]]
 
 
 def write_maps(vtu: Path, ply: Path, frame: FrameLike) -> None:
-    """Write both files; see `write_map_vtu` and `write_map_ply`."""
+    """Write a frame's map as VTU and as PLY; see `write_map_vtu` and `write_map_ply`.
+
+    Parameters
+    ----------
+    vtu, ply : path
+        The files.
+    frame : Frame
+        Where the map is from.
+    """
     write_map_vtu(vtu, frame)
     write_map_ply(ply, frame)
 

@@ -1,4 +1,4 @@
-"""A triangle mesh from any file that we read, told by its suffix."""
+"""A triangle mesh from any format that we read; the suffix tells which."""
 
 from __future__ import annotations
 
@@ -111,6 +111,15 @@ def merge_corners(xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray
 
 def repeated_corners(xyz: FloatArray) -> int:
     """Count the vertices that have the coordinates of an earlier one.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64
+        Vertices, m.
+
+    Returns
+    -------
+    int
 
     Examples
     --------

@@ -39,7 +39,7 @@ def read_npy(path: PathLike, expected: str, most: int) -> NDArray[Any]:
 
     Returns
     -------
-    (H, W) array
+    (H, W) integers or floats
         Of the file's own type, in native byte order.
 
     Raises

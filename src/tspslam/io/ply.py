@@ -68,11 +68,11 @@ def write_ply(
     ----------
     path : str or path
         The file to write.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Positions, m; stored as double.
     faces : (F, 3) integers
         Triangles, winding kept.
-    vertex, face : dict of (N,), (F,) arrays, optional
+    vertex, face : dict of (N,), (F,) float arrays, optional
         Scalars by name, each in its own type (booleans as uchar). Viewers take uint8 ``red``, ``green``, ``blue`` as
         colour.
     edges : (E, 2) integers, optional

@@ -27,9 +27,9 @@ def write_tum(path: PathLike, stamp: ArrayLike, T_world_camera: ArrayLike) -> No
     ----------
     path : str or path
         The file to write.
-    stamp : (T,) array
+    stamp : (T,) float array
         Times, s.
-    T_world_camera : (T, 4, 4) array
+    T_world_camera : (T, 4, 4) float array
         Poses, camera to world, m.
 
     Raises
@@ -60,7 +60,7 @@ def write_kitti(path: PathLike, T_world_camera: ArrayLike) -> None:
     ----------
     path : str or path
         The file to write.
-    T_world_camera : (T, 4, 4) array
+    T_world_camera : (T, 4, 4) float array
         Poses, camera to world, m.
 
     Raises

@@ -71,9 +71,9 @@ def write_vtu(
         The file to write.
     complex_ : Complex
         The complex.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Positions of its vertices, m.
-    vertex, edge, face : dict of (n,) or (n, C) arrays, optional
+    vertex, edge, face : dict of (n,) or (n, C) float arrays, optional
         Signals by name; real and finite.
 
     Raises

@@ -111,7 +111,17 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
 
 
 def flatten(settings: Settings) -> dict[str, Any]:
-    """Each value of the settings by its dotted name; ``stage.kind`` is what the stage is."""
+    """Each value of the settings by its dotted name; ``stage.kind`` is what the stage is.
+
+    Parameters
+    ----------
+    settings : Settings
+        The stages.
+
+    Returns
+    -------
+    dict of str to plain values
+    """
     flat: dict[str, Any] = {}
     for stage, kinds in KINDS.items():
         chosen = getattr(settings, stage)

@@ -72,7 +72,18 @@ def _by_number(estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
 
 
 def summary(errors: TrajectoryErrors) -> dict[str, Any]:
-    """Describe the errors in plain numbers, fit for JSON."""
+    """Describe the errors in plain numbers, fit for JSON.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+        What was measured.
+
+    Returns
+    -------
+    dict of str to plain values
+        Numbers with their unit in the name; None is not measured.
+    """
     ten = errors.per_distance[_TEN]
     return {
         "ate_rmse_m": errors.ate_rmse_m,

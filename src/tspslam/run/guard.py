@@ -1,4 +1,4 @@
-"""What a command may write to: never an input, never a file of a run, and over another kind of file only if forced."""
+"""What a command may write to: never an input or a file of a run, and another kind of file only if forced."""
 
 from __future__ import annotations
 
@@ -25,7 +25,17 @@ class Kind:
     beginning: bytes
 
     def fits(self, path: Path) -> bool:
-        """Whether a file is of this kind, by its suffix and its first bytes."""
+        """Whether a file is of this kind, by its suffix and its first bytes.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        bool
+        """
         with path.open("rb") as handle:
             first = handle.read(_FIRST)
         return path.suffix.lower() in self.suffixes and re.match(self.beginning, first, re.DOTALL) is not None
@@ -84,7 +94,15 @@ def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced:
 
 
 def check_folder(out: Path, inputs: Iterable[Path]) -> None:
-    """Raise `InputError` if a run folder would be an input, or hold one."""
+    """Raise `InputError` if a run folder would be an input, or hold one.
+
+    Parameters
+    ----------
+    out : path
+        The run folder.
+    inputs : iterable of path
+        Files and folders that the command reads.
+    """
     for path in inputs:
         if _is_same(out, path):
             raise InputError(f"{out}: is the input itself; expected an empty or new folder, or a run folder of ours")
@@ -93,12 +111,32 @@ def check_folder(out: Path, inputs: Iterable[Path]) -> None:
 
 
 def is_inside(path: Path, folder: Path) -> bool:
-    """Whether a path lies in a folder or below it, however both are named."""
+    """Whether a path lies in a folder or below it, however both are named.
+
+    Parameters
+    ----------
+    path, folder : path
+        The inner and the outer place.
+
+    Returns
+    -------
+    bool
+    """
     return any(_is_same(each, folder) for each in _above(path))
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is a run folder of ours."""
+    """Whether a folder is a run folder of ours.
+
+    Parameters
+    ----------
+    folder : path
+        Any place.
+
+    Returns
+    -------
+    bool
+    """
     try:
         RunFolder.open(folder)
     except InputError:

@@ -29,8 +29,8 @@ def chf(image: NDArray[Any], order: int = 1, scale: float = 2.0) -> Response:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1]; of colour the luminance. Beyond its border it is mirrored.
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1]; of colour the luminance. Beyond its border it is mirrored.
     order : int
         Angular order, 0 <= m <= 1000.
     scale : float
@@ -62,7 +62,7 @@ def chf_bank(image: NDArray[Any], orders: Sequence[int] = (0, 1, 2), scales: Seq
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
         As `chf`.
     orders : sequence of int
         Angular orders m.

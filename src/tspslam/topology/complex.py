@@ -230,14 +230,36 @@ def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | Non
 
 
 def checked_count(n: int) -> int:
-    """A number of vertices."""
+    """Return a number of vertices as an int, or raise `InputError`.
+
+    Parameters
+    ----------
+    n : int
+        0 <= n < 2³¹.
+
+    Returns
+    -------
+    int
+    """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 0 <= n < 2**31:
         raise InputError(f"complex: n is {repr(n) if np.isscalar(n) else told(n)}, expected an integer, 0 <= n < 2**31")
     return int(n)
 
 
 def largest(named: NDArray[Any], edges: ArrayLike | None) -> int:
-    """Number of vertices up to the largest that faces or edges name."""
+    """Number of vertices up to the largest that faces or edges name.
+
+    Parameters
+    ----------
+    named : (F, k) integers
+        Vertices of the faces.
+    edges : (M, 2) integers or None
+        Further edges.
+
+    Returns
+    -------
+    int
+    """
     both = (named, _simplices([] if edges is None else edges, 2, "edge"))
     return checked_count(1 + max((int(each.max()) for each in both if each.size), default=-1))
 
@@ -273,7 +295,19 @@ def _refuse(simplices: IntArray, bad: int, n: int, what: str) -> None:
 
 
 def checked_pairs(edges: ArrayLike | None, n: int) -> Index:
-    """Edges as (M, 2) int32, i < j."""
+    """Return edges as pairs i < j, or raise `InputError`.
+
+    Parameters
+    ----------
+    edges : (M, 2) integers or None
+        Vertex pairs in any order; None is no edge.
+    n : int
+        Number of vertices.
+
+    Returns
+    -------
+    (M, 2) int32
+    """
     pairs = _simplices([] if edges is None else edges, 2, "edge")
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     bad = np.flatnonzero((low < 0) | (high >= n) | (low == high))
@@ -282,7 +316,15 @@ def checked_pairs(edges: ArrayLike | None, n: int) -> Index:
 
 
 def check_product(edges: Index, what: str) -> None:
-    """Refuse the matrix of all pairs of edges that meet in a vertex where it would take over 4 GiB."""
+    """Refuse the matrix of all pairs of edges that meet in a vertex where it would take over 4 GiB.
+
+    Parameters
+    ----------
+    edges : (E, 2) int32
+        Vertex pairs.
+    what : str
+        What to call the matrix in the error.
+    """
     pairs = int((np.bincount(edges.ravel()).astype(np.float64) ** 2).sum())
     if 12 * pairs > LARGEST_PRODUCT:
         most = int(np.bincount(edges.ravel()).argmax())
@@ -291,7 +333,17 @@ def check_product(edges: Index, what: str) -> None:
 
 
 def first_of_equals(table: NDArray[Any]) -> NDArray[np.int64]:
-    """Rows of a table that equal no earlier row, ascending."""
+    """Rows of a table that equal no earlier row, ascending.
+
+    Parameters
+    ----------
+    table : (N, k) integers
+        The rows.
+
+    Returns
+    -------
+    (K,) int64
+    """
     order = np.lexsort(table.T[::-1])
     ordered = table[order]
     is_new = np.ones(len(table), bool)

@@ -154,7 +154,7 @@ def orient_faces(faces: IntArray) -> IntArray:
 
     Returns
     -------
-    (F, 3) array
+    (F, 3) integers
         The same triples in the same order and type; those that turned have their last two vertices swapped.
 
     Raises
@@ -208,7 +208,19 @@ def edges_of(faces: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDA
 
 
 def checked_positions(xyz: Any, what: str) -> FloatArray:
-    """`xyz` as (N, 3) finite float64; InputError that begins with `what` otherwise."""
+    """Return finite positions as float64, or raise `InputError`.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float array
+        Positions, m, at most 1e100.
+    what : str
+        How the error begins.
+
+    Returns
+    -------
+    (N, 3) float64
+    """
     array = _array(xyz, f"{what}: xyz")
     if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{what}: xyz is {array.dtype} of shape {array.shape}, expected numbers of shape (N, 3)")

@@ -24,9 +24,9 @@ def edge_flow(complex_: Complex, xyz: ArrayLike, field: ArrayLike | Field) -> Fl
     ----------
     complex_ : Complex
         N vertices, E edges.
-    xyz : (N, D) array
+    xyz : (N, D) float array
         Positions of the vertices: in space, D = 3, or pixels, D = 2.
-    field : (N, D) array or callable
+    field : (N, D) float array or callable
         The field at each vertex; it is taken as linear along an edge (trapezoid rule). Or a function that gives it at
         any (M, D) positions; it is asked at the vertices and in the middle of the edges (Simpson's rule, exact on
         cubic fields).

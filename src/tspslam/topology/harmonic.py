@@ -71,7 +71,7 @@ def tmahf(
     ----------
     complex_ : Complex
         N vertices.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Projections of the vertices, px.
     signals : Signals
         Unsigned signals on every level, (n,) or (n, C). Marked elements are left out of every sum and fit.
@@ -248,7 +248,19 @@ def _checked_mode(order: int, centering: str | None) -> int:
 
 
 def checked_bank(orders: Sequence[Any], scales: Sequence[Any], what: str) -> tuple[list[Any], list[Any]]:
-    """Orders and scales of a bank, at least one of each."""
+    """Return orders and scales of a bank as lists, at least one of each, or raise `InputError`.
+
+    Parameters
+    ----------
+    orders, scales : sequence
+        Of any values.
+    what : str
+        How the error begins.
+
+    Returns
+    -------
+    orders, scales : list
+    """
     try:
         both = list(orders), list(scales)
     except TypeError as error:
@@ -259,7 +271,15 @@ def checked_bank(orders: Sequence[Any], scales: Sequence[Any], what: str) -> tup
 
 
 def check_responses(count: int, what: str) -> None:
-    """Refuse a bank of over 4 GiB."""
+    """Refuse a bank of over 4 GiB.
+
+    Parameters
+    ----------
+    count : int
+        Number of responses, 16 bytes each.
+    what : str
+        How the error begins.
+    """
     if 16 * count > LARGEST_BANK:
         raise InputError(
             f"{what}: responses take {16 * count / 2**30:.1f} GiB, expected at most 4: fewer orders or scales"
@@ -267,7 +287,19 @@ def check_responses(count: int, what: str) -> None:
 
 
 def checked_order(order: int, what: str) -> int:
-    """An angular order."""
+    """Return an angular order as an int, or raise `InputError`.
+
+    Parameters
+    ----------
+    order : int
+        0 <= m <= 1000.
+    what : str
+        How the error begins.
+
+    Returns
+    -------
+    int
+    """
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= order <= _HIGHEST:
         raise InputError(f"{what}: order is {order!r}, expected an integer from 0 to {_HIGHEST}")
     return int(order)

@@ -39,7 +39,7 @@ def hodge_decompose(complex_: Complex, edge_signal: ArrayLike, *, method: Method
     ----------
     complex_ : Complex
         Closed or with boundary, manifold or not, connected or not.
-    edge_signal : (E,) or (E, C) array
+    edge_signal : (E,) or (E, C) float array
         An oriented signal (a flow, a difference), positive from i to j of each edge i < j. Textures are unsigned and
         have no such parts: smooth them with `smooth_signals`.
     method : {"auto", "factor", "cg", "amg"}
@@ -128,7 +128,19 @@ def harmonic_basis(complex_: Complex, *, method: Method = "auto") -> FloatArray:
 
 
 def gradient(complex_: Complex, vertex_signal: ArrayLike) -> FloatArray:
-    """Differences along the edges, ``B1ᵀ p``: from a vertex signal (N,) or (N, C) to an oriented edge signal.
+    """Differences along the edges, ``B1ᵀ p``: from a vertex signal to an oriented edge signal.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        N vertices, E edges.
+    vertex_signal : (N,) or (N, C) float array
+        Finite.
+
+    Returns
+    -------
+    (E,) or (E, C) float64
+        In units of the signal; positive where it grows from i to j.
 
     Raises
     ------
@@ -146,7 +158,19 @@ def gradient(complex_: Complex, vertex_signal: ArrayLike) -> FloatArray:
 
 
 def divergence(complex_: Complex, edge_signal: ArrayLike) -> FloatArray:
-    """What flows into each vertex, ``B1 s``: from an oriented edge signal (E,) or (E, C) to a vertex signal.
+    """What flows into each vertex, ``B1 s``: from an oriented edge signal to a vertex signal.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        N vertices, E edges.
+    edge_signal : (E,) or (E, C) float array
+        Finite.
+
+    Returns
+    -------
+    (N,) or (N, C) float64
+        In units of the signal.
 
     Raises
     ------
@@ -164,7 +188,19 @@ def divergence(complex_: Complex, edge_signal: ArrayLike) -> FloatArray:
 
 
 def curl(complex_: Complex, edge_signal: ArrayLike) -> FloatArray:
-    """Circulation around each face, ``B2ᵀ s``: from an oriented edge signal (E,) or (E, C) to an oriented face signal.
+    """Circulation around each face, ``B2ᵀ s``: from an oriented edge signal to an oriented face signal.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        E edges, F faces.
+    edge_signal : (E,) or (E, C) float array
+        Finite.
+
+    Returns
+    -------
+    (F,) or (F, C) float64
+        In units of the signal.
 
     Raises
     ------

@@ -89,7 +89,17 @@ def betti_numbers(complex_: Complex) -> BettiNumbers:
 
 
 def homology_of(complex_: Complex) -> Homology:
-    """Tree, cotree and what they leave; kept with the complex, as its other derived properties are."""
+    """Tree, cotree and what they leave; kept with the complex, as its other derived properties are.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        Of triangles.
+
+    Returns
+    -------
+    Homology
+    """
     require(complex_, Complex, "complex_")
     kept = vars(complex_)
     if "homology" not in kept:
@@ -99,7 +109,17 @@ def homology_of(complex_: Complex) -> Homology:
 
 
 def closed_cochains(complex_: Complex) -> FloatArray:
-    """A basis of the closed edge cochains modulo gradients, (E, β1) float64."""
+    """A basis of the closed edge cochains modulo gradients.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        Of triangles.
+
+    Returns
+    -------
+    (E, β1) float64
+    """
     from . import _homology
 
     found = homology_of(complex_)

@@ -69,13 +69,37 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
 
 
 def parts_of(matrix: csr_array) -> tuple[NDArray[np.uint32], NDArray[np.uint32], FloatArray]:
-    """CSR arrays for the kernels; unsigned, so that no index is checked for wrap-around."""
+    """CSR arrays for the kernels; unsigned, so that no index is checked for wrap-around.
+
+    Parameters
+    ----------
+    matrix : (n, m) csr_array
+        Sparse, of k stored values.
+
+    Returns
+    -------
+    indptr, indices : (n + 1,), (k,) uint32
+    data : (k,) float64
+    """
     indptr, indices = (np.ascontiguousarray(part, np.int32).view(np.uint32) for part in (matrix.indptr, matrix.indices))
     return indptr, indices, matrix.data
 
 
 def checked(L: Any, signal: ArrayLike) -> tuple[csr_array, FloatArray]:
-    """A Laplacian as float64 CSR, and a signal on its rows, (n,) or (n, C) float64."""
+    """Return a Laplacian and a signal on its rows, both of float64, or raise `InputError`.
+
+    Parameters
+    ----------
+    L : (n, n) sparse matrix
+        Symmetric.
+    signal : (n,) or (n, C) float array
+        Finite.
+
+    Returns
+    -------
+    matrix : (n, n) csr_array
+    values : (n,) or (n, C) float64
+    """
     matrix = checked_matrix(L)
     if isinstance(signal, Signals):
         raise InputError("signal is a Signals, expected an array of one level; for all levels there is smooth_signals")
@@ -88,7 +112,17 @@ def checked(L: Any, signal: ArrayLike) -> tuple[csr_array, FloatArray]:
 
 
 def checked_matrix(L: Any) -> csr_array:
-    """A Laplacian as float64 CSR: square, finite and symmetric."""
+    """Return a Laplacian as CSR, or raise `InputError` where it is not square, finite and symmetric.
+
+    Parameters
+    ----------
+    L : (n, n) sparse matrix
+        Of real numbers.
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+    """
     from scipy.sparse import csr_array, issparse
 
     sparse: Any = L  # what issparse narrows has no shape
@@ -104,7 +138,15 @@ def checked_matrix(L: Any) -> csr_array:
 
 
 def check_values(values: FloatArray, what: str, where: str) -> None:
-    """Refuse (n,) or (n, C) values that are not finite, or so large that their squares are not."""
+    """Refuse values that are not finite, or so large that their squares are not.
+
+    Parameters
+    ----------
+    values : (n,) or (n, C) float64
+        The values.
+    what, where : str
+        What to call the values, and what a row is, in the error.
+    """
     rows = values.reshape(len(values), -1 if values.size else 0)
     bad = np.flatnonzero(~(np.abs(rows) <= LARGEST_VALUE).all(axis=1))
     if len(bad):
@@ -124,7 +166,19 @@ def _check_symmetric(matrix: csr_array) -> None:
 
 
 def checked_mask(ok: ArrayLike, n: int) -> BoolArray:
-    """A mask of n elements."""
+    """Return a mask of n elements, or raise `InputError`.
+
+    Parameters
+    ----------
+    ok : (n,) bool array
+        The mask.
+    n : int
+        Number of elements.
+
+    Returns
+    -------
+    (n,) bool
+    """
     mask = np.asarray(ok)
     if mask.shape != (n,) or mask.dtype != bool:
         raise InputError(f"ok is {mask.dtype} of shape {mask.shape}, expected ({n},) bool")

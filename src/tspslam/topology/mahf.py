@@ -54,9 +54,9 @@ def mahf(
     ----------
     surface : Surface or (F, 3) integers
         Triangles; need not be a manifold.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Vertices in the camera's frame, m. The camera, at 0, decides what is up in each tangent plane.
-    signal : (N,) or (N, C) array
+    signal : (N,) or (N, C) float array
         Unsigned values, such as the luminance; finite.
     order : int
         Angular order, 0 <= m <= 1000.
@@ -172,7 +172,7 @@ def conformal_laplacian(surface: Surface | ArrayLike, xyz: ArrayLike) -> csr_arr
     ----------
     surface : Surface or (F, 3) integers
         Triangles.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Vertices, any unit.
 
     Returns
@@ -218,10 +218,22 @@ def _checked_mesh(surface: Surface | ArrayLike, xyz: ArrayLike) -> _Mesh:
 
 
 def tangent_axes(xyz: FloatArray, faces: IntArray) -> FloatArray:
-    """Axes t1 and t2 of the tangent plane at each vertex, (N, 6); seen from the camera, t1 points right, t2 down.
+    """Axes t1 and t2 of the tangent plane at each vertex; seen from the camera, t1 points right, t2 down.
 
     The normal is the area-weighted sum of those of the faces, turned away from the camera; without one, the line of
     sight.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64
+        Vertices in the camera's frame, m.
+    faces : (F, 3) integers
+        Vertex triples.
+
+    Returns
+    -------
+    (N, 6) float64
+        t1, then t2, of unit length.
     """
     from . import _mahf
 
@@ -238,7 +250,19 @@ def tangent_axes(xyz: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def normalised(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Vectors (n, 3) of length 1; what has no length is given another."""
+    """Scale vectors to length 1; one without a length is replaced by another.
+
+    Parameters
+    ----------
+    vectors : (n, 3) float64
+        Of any length.
+    otherwise : (3,) or (n, 3) float64
+        What replaces those of length 0.
+
+    Returns
+    -------
+    (n, 3) float64
+    """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 0, vectors / np.where(length > 0, length, 1), otherwise)
 

@@ -59,6 +59,10 @@ class Solver:
         method : {"auto", "factor", "cg", "amg"}
             See `tspslam.hodge_decompose`.
 
+        Returns
+        -------
+        Solver
+
         Raises
         ------
         InputError
@@ -71,7 +75,17 @@ class Solver:
         return Solver(_conjugate_gradient(L, guess), by_column=True)
 
     def solve(self, b: FloatArray) -> FloatArray:
-        """Solve for one right side (n,) or several (n, C)."""
+        """Solve for one right side or several.
+
+        Parameters
+        ----------
+        b : (n,) or (n, C) float64
+            Right sides, in the range of L.
+
+        Returns
+        -------
+        (n,) or (n, C) float64
+        """
         if not b.size:
             return np.zeros_like(b)
         if b.ndim == 1 or not self.by_column:

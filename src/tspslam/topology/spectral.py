@@ -41,7 +41,7 @@ def heat_filter(
     L : (n, n) sparse matrix
         Symmetric, positive semidefinite: ``L0`` for vertices, ``L1`` and ``L2`` for oriented cochains (which flip with
         their element), `unsigned_laplacian` for unsigned edge and face signals, such as textures.
-    signal : (n,) or (n, C) array
+    signal : (n,) or (n, C) float array
         Finite values.
     t : float
         Time, >= 0.
@@ -96,7 +96,7 @@ def chebyshev_filter(
     ----------
     L : (n, n) sparse matrix
         Symmetric, positive semidefinite; see `heat_filter` for which signals go with which matrix.
-    signal : (n,) or (n, C) array
+    signal : (n,) or (n, C) float array
         Finite values.
     response : callable
         h: eigenvalues (k,), >= 0 -> (k,) finite values.
@@ -135,7 +135,7 @@ def tikhonov_filter(L: Any, signal: ArrayLike, weight: float) -> FloatArray:
     ----------
     L : (n, n) sparse matrix
         Symmetric, positive semidefinite; see `heat_filter` for which signals go with which matrix.
-    signal : (n,) or (n, C) array
+    signal : (n,) or (n, C) float array
         Finite values.
     weight : float
         >= 0.
@@ -177,7 +177,7 @@ def spectral_filter(L: Any, signal: ArrayLike, response: Callable[[FloatArray], 
     ----------
     L : (n, n) sparse matrix
         Symmetric.
-    signal : (n,) or (n, C) array
+    signal : (n,) or (n, C) float array
         Finite values.
     response : callable
         h: eigenvalues (n,), ascending -> (n,) finite values.
@@ -223,7 +223,16 @@ class HeatKernel:
     t: float
 
     def rows(self, index: ArrayLike) -> FloatArray:
-        """Rows of the kernel, (k, n) float64; by symmetry also its columns.
+        """Rows of the kernel; by symmetry also its columns.
+
+        Parameters
+        ----------
+        index : (k,) integers, or an integer
+            Which rows, 0 to n - 1.
+
+        Returns
+        -------
+        (k, n) float64
 
         Raises
         ------
@@ -322,7 +331,21 @@ def _half_bound(matrix: csr_array) -> float:
 
 
 def heat_series(half: float, t: float, error: float) -> FloatArray:
-    """Chebyshev coefficients of exp(-tλ) from 0 to 2 half; the sum of those left out is below the error."""
+    """Chebyshev coefficients of ``exp(-tλ)`` on 0 to 2 `half`.
+
+    Parameters
+    ----------
+    half : float
+        Half of a bound of the spectrum, > 0.
+    t : float
+        Time, >= 0.
+    error : float
+        Bound of the sum of the coefficients that are left out, > 0.
+
+    Returns
+    -------
+    (K,) float64
+    """
     from scipy.special import ive
 
     terms = 2 * np.sqrt(t * half * (1 - np.log(error))) - 2 * np.log(error) + 10  # more than are needed
@@ -391,7 +414,21 @@ def _polynomial(matrix: csr_array, signal: FloatArray, half: float, series: Floa
 
 
 def checked_number(value: float, name: str, low: float = 0.0, high: float = np.inf) -> float:
-    """A finite number, low <= value < high."""
+    """Return a finite number in [low, high) as a float, or raise `InputError`.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    name : str
+        What to call it in the error.
+    low, high : float
+        Its range.
+
+    Returns
+    -------
+    float
+    """
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value < high:
         wanted = f"a finite number >= {low:g}" if high == np.inf else f"{low:g} to {high:g}"
         raise InputError(f"{name} is {value!r}, expected {wanted}")

@@ -37,7 +37,16 @@ class Spectrum:
     vectors: FloatArray
 
     def transform(self, signal: ArrayLike) -> FloatArray:
-        """Fourier coefficients ``Uᵀ s``, (k,) or (k, C), of a signal (n,) or (n, C).
+        """Fourier coefficients ``Uᵀ s`` of a signal.
+
+        Parameters
+        ----------
+        signal : (n,) or (n, C) float array
+            The signal.
+
+        Returns
+        -------
+        (k,) or (k, C) float64
 
         Raises
         ------
@@ -48,7 +57,16 @@ class Spectrum:
         return result
 
     def inverse(self, coefficients: ArrayLike) -> FloatArray:
-        """Signal ``U c``, (n,) or (n, C), of Fourier coefficients (k,) or (k, C).
+        """Signal ``U c`` of Fourier coefficients.
+
+        Parameters
+        ----------
+        coefficients : (k,) or (k, C) float array
+            The coefficients.
+
+        Returns
+        -------
+        (n,) or (n, C) float64
 
         Raises
         ------

@@ -22,8 +22,8 @@ def luminance(image: NDArray[Any]) -> FloatArray:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1]; colour is RGB.
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1]; colour is RGB.
 
     Returns
     -------
@@ -56,10 +56,10 @@ def sample_signals(
 
     Parameters
     ----------
-    image : (H, W) or (H, W, C) array
-        uint8, uint16, or float in [0, 1]; three channels are RGB. Other fields of floats are sampled as they are: one
+    image : (H, W) or (H, W, C) uint8, uint16 or float array
+        Floats in [0, 1]; three channels are RGB. Other fields of floats are sampled as they are: one
         plane with ``channels="all"``, such as a depth map, and two or more than three channels.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Projections of the vertices, px; NaN for a vertex that the camera does not see.
     complex_ : Complex
         Its vertices are the rows of `uv`.

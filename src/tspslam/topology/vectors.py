@@ -32,9 +32,9 @@ def sample_vectors(
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1]; colour is RGB.
-    uv : (N, 2) array
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1]; colour is RGB.
+    uv : (N, 2) float array
         Projections of the vertices, px; NaN where there is none.
     complex_ : Complex
         Of triangles.
@@ -86,7 +86,7 @@ def geometry_signals(complex_: Complex, xyz: ArrayLike, signals: Signals) -> Sig
     ----------
     complex_ : Complex
         Of triangles.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Vertices in the camera's frame, m.
     signals : Signals
         Signals on the complex; theirs are the barycentres, and what is marked.
@@ -137,6 +137,11 @@ def stack_signals(several: Sequence[Signals]) -> Signals:
     ----------
     several : sequence of Signals
         On the same elements; the first gives barycentres, pixel counts and marks.
+
+    Returns
+    -------
+    Signals
+        (n, C1 + C2 + ...) float64 on every level.
 
     Raises
     ------

@@ -112,10 +112,10 @@ def evaluate_trajectory(
     """Compare an estimated camera path with the true one.
 
     Poses are matched by the nearest stamp; each true pose is used once. The absolute trajectory error (ATE) is that of
-    Sturm et al. 2012: distances after the motion that makes them least. The relative pose error (RPE) of a pair is
-    ``(Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j)``, Q true and P estimated. The RPE a frame is over pairs of matched poses that are one
-    frame apart, by the median interval of the estimate's stamps; where true poses are sparser than frames, over those
-    that are as many frames apart as most neighbours, divided by that number. A gap is no frame.
+    Sturm et al. 2012: distances after the rigid motion that minimises their squares. The relative pose error (RPE) of a
+    pair is ``(Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j)``, Q true and P estimated. The RPE per frame is over pairs of matched poses that
+    are one frame apart, by the median interval of the estimate's stamps; where true poses are sparser than frames, over
+    those that are as many frames apart as most neighbours, divided by that number. A gap is no frame.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def evaluate_trajectory(
     Raises
     ------
     InputError
-        If a trajectory is no trajectory, fewer than 3 poses match, or less than 5 % of the estimate does.
+        If an argument is no trajectory, fewer than 3 poses match, or less than 5 % of the estimate does.
 
     Notes
     -----
     The share of a path that is compared is that of its time between the first match and the last, times the share of
     poses there that match, of the estimate or of the truth, whichever has fewer: so a truth of 200 Hz or of 1 Hz is as
     good as one of the estimate's rate. Below half of either path, `warnings` says so: of the true one too, which may go
-    on behind an estimate of its first part, where errors are still small.
+    on after the end of the estimate, where errors would be larger.
 
     Examples
     --------

@@ -29,9 +29,9 @@ def back_project(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> FloatArray:
     ----------
     rig : Rig
         The cameras.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Pixels of the left image.
-    disparity : (N,) array
+    disparity : (N,) float array
         ``u_left - u_right``, px; ``disparity + doffs`` must be positive (at least 1e-9).
 
     Returns
@@ -64,7 +64,7 @@ def project(rig: Rig, xyz: ArrayLike) -> FloatArray:
     ----------
     rig : Rig
         The cameras.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Points in the left camera's frame, m.
 
     Returns
@@ -106,9 +106,9 @@ def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) 
     ----------
     rig : Rig
         The cameras.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Pixels of the left image.
-    disparity : (N,) array
+    disparity : (N,) float array
         ``u_left - u_right``, px.
     sigma : (N,) array or float
         Standard deviation of each measured coordinate, px, not negative.
@@ -171,7 +171,17 @@ def _pixels_and_total(rig: Rig, uv: ArrayLike, disparity: ArrayLike) -> tuple[Fl
 
 
 def doubts(rig: Rig) -> list[str]:
-    """What looks wrong with a rig though it can be computed with: a line each.
+    """What looks wrong with a rig that can still be computed with.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+
+    Returns
+    -------
+    list of str
+        A line for each doubt.
 
     Examples
     --------
@@ -195,7 +205,17 @@ def doubts(rig: Rig) -> list[str]:
 
 
 def require_baseline(rig: Rig, what: str, why: str = "z = fx · baseline / disparity") -> None:
-    """Raise InputError where disparities are to become depths, or the reverse, and the rig is a single camera."""
+    """Raise `InputError` where a disparity needs a depth, or a depth a disparity, and the rig is a single camera.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    what : str
+        How the error begins.
+    why : str
+        What the baseline is needed for.
+    """
     require(rig, Rig, f"{what}: rig")
     if not rig.baseline > 0:
         raise InputError(f"{what}: the rig has no baseline (a single camera), expected one, m: {why}")
@@ -242,7 +262,15 @@ def check_pair(pair: StereoPair) -> None:
 
 
 def check_image(what: str, image: NDArray[Any]) -> None:
-    """Raise InputError unless an image is grey or RGB, of a type that is known, not too large, and in its range."""
+    """Raise `InputError` unless an image is grey or RGB, of a known type, not too large, and in its range.
+
+    Parameters
+    ----------
+    what : str
+        How the error begins.
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1].
+    """
     check_pixels(what, image)
     if image.ndim == 3 and image.shape[2] != 3:
         raise InputError(f"{what} has shape {image.shape}, expected (H, W) or (H, W, 3)")

@@ -1,4 +1,4 @@
-"""Rigid motions as (..., 4, 4) matrices, and the one that lays a set of points on another."""
+"""Rigid motions as (..., 4, 4) matrices, and the one that aligns two sets of points."""
 
 from __future__ import annotations
 
@@ -35,9 +35,18 @@ def inverse(T: FloatArray) -> FloatArray:
 
 
 def normalised(T: FloatArray) -> FloatArray:
-    """Nearest rigid motions to (..., 4, 4) matrices that are ones but for rounding.
+    """Nearest rigid motions to matrices that are rigid motions but for rounding.
 
     Products of inverses double the rounding of a rotation at each step; this takes it out.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) float64
+        Rigid motions but for rounding.
+
+    Returns
+    -------
+    (..., 4, 4) float64
 
     Examples
     --------
@@ -51,7 +60,18 @@ def normalised(T: FloatArray) -> FloatArray:
 
 
 def repeated(T: FloatArray, times: float) -> FloatArray:
-    """Motion (4, 4) done so many times: its rotation vector and its translation times a number.
+    """A motion repeated: its rotation vector and its translation times a number.
+
+    Parameters
+    ----------
+    T : (4, 4) float64
+        Rigid motion, m.
+    times : float
+        Any number; 0.5 is half of the way.
+
+    Returns
+    -------
+    (4, 4) float64
 
     Examples
     --------
@@ -69,12 +89,17 @@ def repeated(T: FloatArray, times: float) -> FloatArray:
 
 
 def rotation_angle(R: FloatArray) -> FloatArray:
-    """Angle of rotations, (...,) rad in [0, π], exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
+    """Angle of rotations, exact also for small ones: ``atan2(|axis part|, (tr R - 1) / 2)``.
 
     Parameters
     ----------
     R : (..., 3, 3) float64
         Rotations.
+
+    Returns
+    -------
+    (...,) float64
+        rad, 0 to π.
 
     Examples
     --------
@@ -88,7 +113,7 @@ def rotation_angle(R: FloatArray) -> FloatArray:
 
 
 def alignment(source: FloatArray, target: FloatArray, *, with_scale: bool = False) -> tuple[FloatArray, float]:
-    """Rigid motion, and scale, that lay points on others with the least sum of squares (Umeyama 1991).
+    """Rigid motion, and scale, that align points with others in the least-squares sense (Umeyama 1991).
 
     Parameters
     ----------

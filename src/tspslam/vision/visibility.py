@@ -25,7 +25,7 @@ def visible_uv(
     ----------
     rig : Rig
         The cameras.
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Points in the left camera's frame, m.
     faces : (F, 3) integers, optional
         Triangles over them.

@@ -66,7 +66,21 @@ class Renderer:
         self._triangles = triangles(scene)
 
     def geometry(self, rig: Rig, pose: FloatArray, stamp: float) -> Geometry:
-        """Truth for the left camera at a pose."""
+        """Truth for the left camera at a pose.
+
+        Parameters
+        ----------
+        rig : Rig
+            The cameras.
+        pose : (4, 4) float64
+            Of the left camera, world from camera, m.
+        stamp : float
+            Time, s.
+
+        Returns
+        -------
+        Geometry
+        """
         corners = self._corners(pose, stamp)
         owner, nearness, _ = _cast(corners, _lens(rig, rig.cx), np.zeros((rig.height, rig.width), bool))
         hit = owner >= 0
@@ -78,9 +92,25 @@ class Renderer:
         return Geometry(depth, normal, label, rig.fx * rig.baseline / depth - rig.doffs)
 
     def image(self, rig: Rig, pose: FloatArray, stamp: float, cx: float) -> FloatArray:
-        """Luminance, (H, W), that a camera of the rig's lens with principal column `cx` sees at a pose.
+        """Draw what a camera sees at a pose.
 
         Where pixels beside each other show different things, 16 rays are cast through each instead of one.
+
+        Parameters
+        ----------
+        rig : Rig
+            Its lens.
+        pose : (4, 4) float64
+            World from camera, m.
+        stamp : float
+            Time, s.
+        cx : float
+            Its principal column, px, in place of the rig's.
+
+        Returns
+        -------
+        (H, W) float64
+            Luminance in [0, 1].
         """
         from ._kernels import shade
 
@@ -110,7 +140,17 @@ def _levels(seed: int) -> tuple[NDArray[np.float32], ...]:
 
 
 def triangles(scene: Scene) -> Triangles:
-    """Gather the triangles of a scene, with one look for each side of each shape."""
+    """Gather the triangles of a scene, with one look for each side of each shape.
+
+    Parameters
+    ----------
+    scene : Scene
+        The world.
+
+    Returns
+    -------
+    Triangles
+    """
     count = [len(shape.faces) for shape in scene.shapes]
     of = np.repeat(np.arange(len(count), dtype=np.int32), count)
     facing = [_facing(shape) for shape in scene.shapes]

@@ -134,6 +134,10 @@ def still(frames: int = 200, *, depth: float = 3.0, seed: int = 0) -> Scene:
     seed : int
         Of the boxes and the texture.
 
+    Returns
+    -------
+    Scene
+
     Examples
     --------
     >>> bool((still(3).path == np.eye(4)).all())

@@ -27,7 +27,7 @@ PAPER_RIG = Rig(fx=387.77, fy=387.77, cx=257.446, cy=197.718, baseline=0.24, wid
 
 @dataclass(frozen=True)
 class Faults:
-    """What keeps a real camera from being perfect.
+    """How a real camera departs from a perfect one.
 
     Attributes
     ----------
@@ -190,7 +190,17 @@ class SyntheticSequence:
         return (self[place] for place in range(len(self)))
 
     def geometry(self, place: int) -> Geometry:
-        """Tell the truth behind each pixel of the left image of pair `place`: depth, normal, label, disparity."""
+        """Tell the truth behind each pixel of the left image of pair `place`: depth, normal, label, disparity.
+
+        Parameters
+        ----------
+        place : int
+            Number of the pair, from 0.
+
+        Returns
+        -------
+        Geometry
+        """
         place = checked_index(place, len(self))
         return self._renderer.geometry(self.rig, self.truth[place], float(self.stamps[place]))
 

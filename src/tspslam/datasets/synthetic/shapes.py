@@ -73,7 +73,14 @@ class Shape:
         )
 
     def at(self, x: float, y: float, z: float, *, turn: ArrayLike = (0.0, 0.0, 0.0)) -> Shape:
-        """Place the shape: turned by a rotation vector, rad, about its origin, which goes to (x, y, z), m.
+        """Place the shape: turned about its origin, which goes to (x, y, z).
+
+        Parameters
+        ----------
+        x, y, z : float
+            Where, m.
+        turn : (3,) float array
+            Rotation vector, rad.
 
         Returns
         -------
@@ -83,7 +90,18 @@ class Shape:
         return replace(self, pose=pose_at((x, y, z), turn))
 
     def world_vertices(self, stamp: float = 0.0) -> FloatArray:
-        """(V, 3) corners in the world at a time, m."""
+        """Corners in the world at a time.
+
+        Parameters
+        ----------
+        stamp : float
+            Time, s.
+
+        Returns
+        -------
+        (V, 3) float64
+            m.
+        """
         moved = self.pose[:3, 3] + number(stamp, "stamp", -1e12, 1e12, "s") * np.asarray(self.velocity)
         return self.vertices @ self.pose[:3, :3].T + moved
 
@@ -154,7 +172,20 @@ def _faces(values: Any, what: str, count: int) -> NDArray[np.int64]:
 
 
 def plane(width: float, height: float, *, texture: Texture | None = None, name: str = "plane") -> Shape:
-    """Make a rectangle of `width` (x) by `height` (y), m, in the plane z = 0, around its origin.
+    """Make a rectangle in the plane z = 0 around its origin.
+
+    Parameters
+    ----------
+    width, height : float
+        Along x and y, m.
+    texture : Texture, optional
+        Its look.
+    name : str
+        What labels call it.
+
+    Returns
+    -------
+    Shape
 
     Examples
     --------
@@ -167,7 +198,18 @@ def plane(width: float, height: float, *, texture: Texture | None = None, name: 
 
 
 def box(width: float, height: float, depth: float, *, texture: Texture | None = None, name: str = "box") -> Shape:
-    """Make a box of `width` (x) by `height` (y) by `depth` (z), m, around its origin.
+    """Make a box around its origin.
+
+    Parameters
+    ----------
+    width, height, depth : float
+        Along x, y and z, m.
+    texture, name
+        As `plane`.
+
+    Returns
+    -------
+    Shape
 
     Examples
     --------
@@ -182,7 +224,20 @@ def box(width: float, height: float, depth: float, *, texture: Texture | None = 
 
 
 def sphere(radius: float, *, rows: int = 48, texture: Texture | None = None, name: str = "sphere") -> Shape:
-    """Make a sphere around its origin, as a mesh of `rows` (3 to 707) by 2 `rows` quadrangles.
+    """Make a sphere around its origin.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    rows : int
+        3 to 707; the mesh is of rows by 2 rows quadrangles.
+    texture, name
+        As `plane`.
+
+    Returns
+    -------
+    Shape
 
     Examples
     --------
@@ -218,6 +273,10 @@ def torus(
     name : str
         What labels call it.
 
+    Returns
+    -------
+    Shape
+
     Examples
     --------
     >>> ring = torus(1.0, 0.4, rows=25, columns=40)
@@ -236,7 +295,20 @@ def torus(
 
 
 def pose_at(place: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
-    """(4, 4) pose at a place, m, turned by a rotation vector, rad."""
+    """Pose at a place, turned by a rotation vector.
+
+    Parameters
+    ----------
+    place : (3,) float array
+        m.
+    turn : (3,) float array
+        rad.
+
+    Returns
+    -------
+    (4, 4) float64
+        World from shape.
+    """
     from scipy.spatial.transform import Rotation
 
     pose = np.eye(4)

@@ -68,11 +68,32 @@ class Texture:
         )
 
     def tile(self, leaves_seed: int) -> NDArray[np.float32]:
-        """(n, n) float32 luminance: the image, or the leaves of a world."""
+        """Luminance of the texture: the image, or the leaves of a world.
+
+        Parameters
+        ----------
+        leaves_seed : int
+            Which leaves.
+
+        Returns
+        -------
+        (n, n) float32
+            In [0, 1].
+        """
         return leaves(leaves_seed) if self.image is None else self.image
 
     def look(self, shade: float) -> FloatArray:
-        """Numbers that the renderer needs, for a side that is lit by `shade`."""
+        """Numbers that the renderer needs for one side.
+
+        Parameters
+        ----------
+        shade : float
+            How brightly it is lit, 0 to 1.
+
+        Returns
+        -------
+        (8,) float64
+        """
         per_metre = 1 / self.texel
         fine_s, fine_t, coarse_s, coarse_t = np.random.default_rng((77, self.seed)).uniform(0, SIZE, 4)
         if self.image is not None:
@@ -95,7 +116,18 @@ def _tile(values: Any) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=4)
 def leaves(seed: int) -> NDArray[np.float32]:
-    """Paint a tile of leaves, (1024, 1024) float32 in [0, 1], which wraps around; the same for the same seed."""
+    """Paint a tile of leaves that wraps around; the same for the same seed.
+
+    Parameters
+    ----------
+    seed : int
+        Which tile.
+
+    Returns
+    -------
+    (1024, 1024) float32
+        Luminance in [0, 1].
+    """
     from ._kernels import paint
 
     side, count = SIZE * _FINER, 24_000
@@ -113,7 +145,18 @@ def leaves(seed: int) -> NDArray[np.float32]:
 
 
 def pyramid(tile: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """A tile and its halves, down to one texel: each texel the mean of four finer ones."""
+    """A tile and its halves, down to one texel: each texel the mean of four finer ones.
+
+    Parameters
+    ----------
+    tile : (n, n) float32
+        n is a power of 2.
+
+    Returns
+    -------
+    list of (k, k) float32
+        k = n, n / 2 and so on to 1.
+    """
     levels = [tile]
     while levels[-1].shape[0] > 1:
         half = levels[-1].shape[0] // 2

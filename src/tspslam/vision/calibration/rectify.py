@@ -46,18 +46,18 @@ class Rectification:
 
         Parameters
         ----------
-        left, right : (H, W) or (H, W, 3) array
+        left, right : (H, W) or (H, W, 3) uint8, uint16 or float array
             Images of the raw cameras.
 
         Returns
         -------
-        left, right : array
-            Of the same type and the rig's size; 0 where a camera saw nothing (see `valid`).
+        left, right : (H, W) or (H, W, 3) uint8, uint16 or float array
+            Of the given type and the rig's size; 0 where a camera saw nothing (see `valid`).
 
         Raises
         ------
         InputError
-            If an image is none, or has not the size of its camera.
+            If an image is not one, or has another size than its camera.
         """
         for side, image, camera in (("left", left, self.raw.left), ("right", right, self.raw.right)):
             check_image(f"{side} image", image)
@@ -76,7 +76,7 @@ class Rectification:
 
 
 def rectification(raw: RawRig) -> Rectification:
-    """Rectify a raw pair: turn both cameras so that rows agree and, of what both see, cut nothing but the border.
+    """Rectify a raw pair: turn both cameras so that rows agree; only the border of what both see is cut.
 
     The new focal length and principal point are those of OpenCV's ``stereoRectify`` with ``alpha = 0`` and equal
     principal points (Bouguet's method); skew of the raw cameras is taken out as well.
@@ -118,15 +118,38 @@ def rectification(raw: RawRig) -> Rectification:
 
 
 def camera_matrix(camera: Camera | Rig) -> FloatArray:
-    """Intrinsic matrix of eq. (2), (3, 3)."""
+    """Intrinsic matrix of eq. (2).
+
+    Parameters
+    ----------
+    camera : Camera or Rig
+        Of a `Rig`, the left one.
+
+    Returns
+    -------
+    (3, 3) float64
+        px.
+    """
     return np.array([[camera.fx, camera.skew, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64)
 
 
 def distort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels (u, v) at which a raw camera sees rays (x, y, 1), by Brown's model.
+    """Pixels at which a raw camera sees rays (x, y, 1), by Brown's model.
 
-    ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)``, likewise y with p1 and p2 changed, then the
+    ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)``, likewise y with p1 and p2 exchanged, then the
     intrinsic matrix.
+
+    Parameters
+    ----------
+    camera : Camera
+        The lens.
+    x, y : float64 array of one shape (...,)
+        Directions: x / z, y / z.
+
+    Returns
+    -------
+    u, v : (...,) float64
+        px.
     """
     k1, k2, p1, p2, k3 = camera.distortion
     rr = x * x + y * y

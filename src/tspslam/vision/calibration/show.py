@@ -1,4 +1,4 @@
-"""What a calibration file says, for a person to check, and the same in our format."""
+"""What a calibration file says, for a person to check, and its conversion to our format."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def described(file: Path, size: Size | None = None) -> dict[str, Any]:
 
 
 def converted(file: Path, output: Path, size: Size | None = None, rectify: bool = False) -> list[str]:
-    """Write a calibration file in our format, and return what one should know of it.
+    """Write a calibration file in our format, and return remarks on it.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def converted(file: Path, output: Path, size: Size | None = None, rectify: bool 
     size : (width, height), optional
         Of the images, px.
     rectify : bool
-        Write the rectified pair of raw cameras instead of these.
+        Whether to write the rectified pair in place of raw cameras.
 
     Returns
     -------

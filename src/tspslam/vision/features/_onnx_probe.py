@@ -47,7 +47,7 @@ def run_network(net: Any, grey: NDArray[np.uint8]) -> list[NDArray[Any]]:
 
 
 def trouble_of(model: bytes, shape: tuple[int, ...]) -> str:
-    """Load a network in a process of its own and run it on an image of that shape: what is wrong with it, or nothing.
+    """Load a network in a process of its own and run it on an image of that shape: what is wrong with it, if anything.
 
     Parameters
     ----------

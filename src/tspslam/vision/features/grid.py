@@ -1,4 +1,4 @@
-"""Points of a regular grid in the place of keypoints."""
+"""Points of a regular grid in place of keypoints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .spread import check_plane
 
 @dataclass(frozen=True)
 class GridDetector:
-    """Points of a regular grid in the place of keypoints, for maps that know every pixel; no descriptors.
+    """Points of a regular grid in place of keypoints, for maps that know every pixel; no descriptors.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ def choose_evenly(
     count : int
         How many are wanted.
     per_cell : float
-        How many a cell gives in the mean; smaller spreads more evenly.
+        How many a cell gives on average; smaller spreads more evenly.
     spacing : float
         Least distance of two, as a share of ``sqrt(H W / count)``, the distance in a regular grid.
 
@@ -69,13 +69,34 @@ def choose_evenly(
 
 
 def check_plane(what: str, grey: NDArray[Any]) -> None:
-    """Raise InputError unless an image is a plane of uint8."""
+    """Raise `InputError` unless an image is a plane of uint8.
+
+    Parameters
+    ----------
+    what : str
+        How the error begins.
+    grey : (H, W) uint8
+        The image.
+    """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise InputError(f"{what}: image is {grey.dtype} of shape {grey.shape}, expected (H, W) uint8")
 
 
 def no_features(size: int, dtype: type[np.uint8] | type[np.float32]) -> Features:
-    """Features of an image in which nothing was found; descriptors are (0, size)."""
+    """Features of an image in which nothing was found.
+
+    Parameters
+    ----------
+    size : int
+        Numbers of a descriptor.
+    dtype : type
+        Of the descriptors: `numpy.uint8` or `numpy.float32`.
+
+    Returns
+    -------
+    Features
+        No rows; descriptors are (0, size).
+    """
     nothing = np.zeros(0, np.float32)
     descriptor: Any = np.zeros((0, size), dtype)
     return Features(np.zeros((0, 2)), descriptor, nothing, nothing, nothing)

@@ -95,7 +95,7 @@ def search_rows(
     image, other : (H, W) float32
         Grey levels.
     xy : (N, 2) int64
-        Window centres, px.
+        Centres of the patches, px.
     shift : (N, 2) int64
         First and last displacement x_other - x to try, px.
     radius : int

@@ -32,7 +32,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     disparity : (H, W) float array
         ``u_left - u_right`` at each pixel of the left image, px; NaN, infinite, or without positive depth where it is
         not known.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Places in the left image, px: keypoints, or `GridDetector`'s.
     sigma : (N,) array or float
         Standard deviation of u_left, u_right and v, px.
@@ -45,7 +45,7 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
     Raises
     ------
     InputError
-        If the map has not the rig's size or is not of floats, or `uv` is no array of places in the image.
+        If the map has another size than the rig or is not of floats, or `uv` is no array of places in the image.
     GeometryError
         If the map knows none of the places.
 
@@ -86,10 +86,10 @@ def cloud_from_depth(
     Parameters
     ----------
     rig : Rig
-        The camera; any baseline will do for one without a second eye, and sets the covariance.
-    depth : (H, W) array
+        The camera; any baseline will do for a single camera, and sets the covariance.
+    depth : (H, W) float array
         z at each pixel; 0, NaN or infinite, or the largest of a type of whole numbers (65535), where it is not known.
-    uv : (N, 2) array
+    uv : (N, 2) float array
         Places in the image, px.
     unit : float, optional
         Metres in one step of `depth`: 0.001 for millimetres. Whole numbers need it; floats are metres by default.
@@ -155,7 +155,7 @@ def unknown_values(values: NDArray[Any]) -> tuple[float, ...]:
 
     Parameters
     ----------
-    values : (H, W) array
+    values : (H, W) float array
         Depths or disparities as they were written, whole numbers or floats.
 
     Returns
@@ -187,7 +187,19 @@ def unknown_values(values: NDArray[Any]) -> tuple[float, ...]:
 
 
 def known_values(values: NDArray[Any], unknown: Sequence[float]) -> FloatArray:
-    """A map as float64, NaN where it is one of `unknown`, or 0 in whole numbers."""
+    """A map as float64, NaN where it is one of `unknown`, or 0 in whole numbers.
+
+    Parameters
+    ----------
+    values : (H, W) numbers
+        The map.
+    unknown : sequence of float
+        Values that mean "not known".
+
+    Returns
+    -------
+    (H, W) float64
+    """
     is_unknown = values == 0 if values.dtype.kind in "iu" else np.zeros(values.shape, bool)
     for value in unknown:
         is_unknown |= values == np.asarray(value, values.dtype if values.dtype.kind == "f" else np.float64)
@@ -196,7 +208,17 @@ def known_values(values: NDArray[Any], unknown: Sequence[float]) -> FloatArray:
 
 
 def checked_unit(unit: float | None) -> float:
-    """Return how much one step of a map is, 1 by default; InputError unless it is a number from 1e-9 to 1e9."""
+    """Return how much one step of a map is, or raise `InputError`.
+
+    Parameters
+    ----------
+    unit : float or None
+        1e-9 to 1e9; None is 1.
+
+    Returns
+    -------
+    float
+    """
     if unit is None:
         return 1.0
     if isinstance(unit, bool) or not isinstance(unit, int | float | np.number) or not 1e-9 <= unit <= 1e9:
@@ -205,7 +227,21 @@ def checked_unit(unit: float | None) -> float:
 
 
 def checked_map(what: str, values: ArrayLike, rig: Rig) -> FloatArray:
-    """Return a map as float64 with NaN where it is not finite; InputError unless it is of floats and the rig's size."""
+    """Return a map as float64, NaN where it is not finite, or raise `InputError`.
+
+    Parameters
+    ----------
+    what : str
+        How the error begins.
+    values : (H, W) float array
+        The map.
+    rig : Rig
+        Its size is the map's.
+
+    Returns
+    -------
+    (H, W) float64
+    """
     array = _array(f"{what} map", values)
     if array.shape != (rig.height, rig.width):
         size = " x ".join(map(str, array.shape[::-1]))

@@ -104,7 +104,22 @@ class DescriptorMatcher:
     def pairs(
         self, left: Features, right: Features, height: int, low: float, high: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows of `left` and `right` that match with ``low <= u_left - u_right <= high``."""
+        """Match features whose disparity ``u_left - u_right`` is within limits.
+
+        Parameters
+        ----------
+        left, right : Features
+            Of both images.
+        height : int
+            Of the images, px.
+        low, high : float
+            Smallest and largest disparity, px.
+
+        Returns
+        -------
+        i, j : (M,) int64
+            Rows of `left` and `right` that match.
+        """
         _check_kinds(left, right)
         ways = ((left, right, low, high), (right, left, -high, -low))
         forth, back = both(lambda way: _nearest(*way, height, self.row_tolerance), ways)
@@ -122,7 +137,20 @@ class DescriptorMatcher:
 
 
 def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) -> tuple[float, float]:
-    """Disparities that a pair may have: positive depth and at most 0.35 of the width, unless told otherwise."""
+    """Disparities that a pair may have: positive depth and at most 0.35 of the width, unless told otherwise.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        A rectified pair.
+    lowest, highest : float or None
+        Limits that were asked for, px; None is as above.
+
+    Returns
+    -------
+    low, high : float
+        px.
+    """
     low = -pair.rig.doffs if lowest is None else lowest
     if highest is not None and highest <= low:
         raise InputError(
@@ -134,10 +162,26 @@ def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) 
 def survey_disparities(
     matcher: DescriptorMatcher, left: Features, right: Features, pair: StereoPair
 ) -> tuple[tuple[float, float], NDArray[np.int64], NDArray[np.int64]]:
-    """Range of disparities of a pair, px, and the matching rows of `left` and `right` in it.
+    """Find the range of disparities of a pair, and the matches in it.
 
     The range is that of the matches that their neighbours support, without half a per cent at each end as outliers,
     and with a tenth of the range and 4 px added. Where too few matches are found, it is `widest_range`.
+
+    Parameters
+    ----------
+    matcher : DescriptorMatcher
+        Matches the features.
+    left, right : Features
+        Of both images.
+    pair : StereoPair
+        Where they are from.
+
+    Returns
+    -------
+    limits : (float, float)
+        Smallest and largest disparity, px.
+    i, j : (M,) int64
+        Rows of `left` and `right` that match within them.
 
     Raises
     ------
@@ -160,7 +204,15 @@ def survey_disparities(
 
 
 def refuse_swapped(pair: StereoPair, disparity: FloatArray) -> None:
-    """Raise GeometryError if most of some disparities, px, lie behind the camera."""
+    """Raise `GeometryError` if most disparities lie behind the camera.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        Where they are from.
+    disparity : (N,) float64
+        px.
+    """
     behind = np.count_nonzero(disparity + pair.rig.doffs < 0)
     if behind >= _FEW and 2 * behind > len(disparity):
         raise GeometryError(
@@ -170,7 +222,17 @@ def refuse_swapped(pair: StereoPair, disparity: FloatArray) -> None:
 
 
 def median_and_spread(values: FloatArray) -> tuple[float, float]:
-    """Median, and 1.4826 times the median absolute deviation; zeros for no values."""
+    """Median, and 1.4826 times the median absolute deviation; zeros for no values.
+
+    Parameters
+    ----------
+    values : (N,) float64
+        Finite.
+
+    Returns
+    -------
+    median, spread : float
+    """
     if len(values) == 0:
         return 0.0, 0.0
     median = float(np.median(values))
@@ -178,7 +240,13 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
 
 
 def check_limits(lowest: float | None, highest: float | None) -> None:
-    """Raise InputError unless both limits of disparity are None or finite, and in order."""
+    """Raise `InputError` unless both limits of the disparity are None or finite, and in order.
+
+    Parameters
+    ----------
+    lowest, highest : float or None
+        px; None is no limit.
+    """
     for name, value in (("min_disparity", lowest), ("max_disparity", highest)):
         if value is not None and not (isinstance(value, Real) and abs(value) <= _LARGEST_LIMIT):
             raise InputError(f"matcher: {name} is {value!r}, expected px, at most {_LARGEST_LIMIT:g} either way")

@@ -27,7 +27,7 @@ class Matches:
     disparity : (M,) float64
         ``u_left - u_right``, px.
     score : (M,) float64
-        Likeness of the two patches or descriptors, at most 1.
+        Similarity of the two patches or descriptors, at most 1.
     vertical_offset_px : float
         Median of ``v_right - v_left`` over the matches.
     vertical_offset_std_px : float

@@ -1,4 +1,4 @@
-"""Windows compared along rows: search in whole pixels, refinement to a fraction, vertical offset."""
+"""Patches compared along rows: search in whole pixels, refinement to a fraction, vertical offset."""
 
 from __future__ import annotations
 
@@ -69,7 +69,17 @@ class Alignment:
     good: BoolArray
 
     def where(self, mask: BoolArray) -> Alignment:
-        """Rows where `mask` holds."""
+        """Rows where `mask` holds.
+
+        Parameters
+        ----------
+        mask : (N,) bool
+            Rows to keep.
+
+        Returns
+        -------
+        Alignment
+        """
         return Alignment(self.disparity[mask], self.score[mask], self.gain[mask], self.good[mask])
 
 
@@ -177,9 +187,25 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, patch
 def vertical_offsets(
     first: Plane, second: Plane, uv: FloatArray, disparity: FloatArray, patches: Patches
 ) -> FloatArray:
-    """``v_second - v_first`` of matches, by alignment in both directions, px.
+    """``v_second - v_first`` of matches, by alignment in both directions.
 
     Measured on at most 128 of them, evenly chosen; those that do not converge within 3 rows are left out.
+
+    Parameters
+    ----------
+    first, second : (H, W) float32
+        Smoothed planes.
+    uv : (N, 2) float64
+        Positions in the first image, px.
+    disparity : (N,) float64
+        ``u_first - u_second``, px.
+    patches : Patches
+        Size of the patches that are compared.
+
+    Returns
+    -------
+    (K,) float64
+        px, of the K <= 128 that converged.
     """
     from ._patches import align_plane
 

@@ -70,9 +70,22 @@ class SgbmMatcher:
         return Matches(rows, np.full(len(rows), -1), found[rows], np.ones(len(rows)), median, spread)
 
     def disparity_map(self, pair: StereoPair, low: float, high: float) -> FloatArray:
-        """Disparities of the left image, (H, W) float64, px, between `low` and about `high`; NaN where not known.
+        """Disparities of the left image by semi-global matching.
 
-        OpenCV's hold in 16 bits: limits are cut to ±2000 px. An image smaller than twice the block knows nothing.
+        OpenCV keeps disparities in 16 bits: limits are cut to ±2000 px. Of an image smaller than twice the
+        block nothing is known.
+
+        Parameters
+        ----------
+        pair : StereoPair
+            A rectified pair.
+        low, high : float
+            Smallest and about the largest disparity, px.
+
+        Returns
+        -------
+        (H, W) float64
+            px; NaN where not known.
         """
         import cv2
 

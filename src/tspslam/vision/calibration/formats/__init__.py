@@ -1,4 +1,4 @@
-"""Calibration files of other programs: what kind a file is, told by its content, and what it says of the cameras."""
+"""Calibration files of other programs: the content of a file tells its format, and the cameras that it describes."""
 
 from __future__ import annotations
 
@@ -89,7 +89,17 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
 
 
 def read_stereo(path: PathLike, size: tuple[int, int] | None = None) -> Rig | RawRig:
-    """Read as `read_calibration` the cameras of a pair; a single one is an `InputError`."""
+    """Read the cameras of a pair; a single one is an `InputError`.
+
+    Parameters
+    ----------
+    path, size
+        As `read_calibration`.
+
+    Returns
+    -------
+    Rig or RawRig
+    """
     cameras = read_calibration(path, size).cameras
     if isinstance(cameras, Rig) and not cameras.baseline:
         raise bad_input(path, "has no baseline", "that of a pair of cameras, m")
@@ -97,7 +107,17 @@ def read_stereo(path: PathLike, size: tuple[int, int] | None = None) -> Rig | Ra
 
 
 def read_rectified(path: PathLike, size: tuple[int, int] | None = None) -> Rig:
-    """Read as `read_calibration` a rectified pair or a single camera; those of a raw one are an `InputError`."""
+    """Read a rectified pair or a single camera; raw cameras are an `InputError`.
+
+    Parameters
+    ----------
+    path, size
+        As `read_calibration`.
+
+    Returns
+    -------
+    Rig
+    """
     cameras = read_calibration(path, size).cameras
     if isinstance(cameras, RawRig):
         raise InputError(f"{path}: describes raw cameras, expected a rectified one, as the image must be")

@@ -29,7 +29,7 @@ class Calibration:
         For each value that was read, named as in `Rig` or as ``left.fx``, ``right.k1``, ``T_right_left``: the keys of
         the file, such as ``"P1[0,3] / -P1[0,0]"``. A value that the file leaves out is 0 and is not listed.
     remarks : tuple of str
-        What one should know, a line each.
+        Remarks for the user, a line each.
 
     Examples
     --------

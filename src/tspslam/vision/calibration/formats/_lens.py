@@ -1,4 +1,4 @@
-"""Lens models that a file names and that are none of ours: fisheye lenses and mirrors."""
+"""Lens models in files that we do not support: fisheye lenses and mirrors."""
 
 from __future__ import annotations
 

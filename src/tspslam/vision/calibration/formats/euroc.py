@@ -18,7 +18,17 @@ _BROWN = ("radial-tangential", "radtan", "plumb_bob", "plumb-bob", "brown")
 
 
 def left_file(folder: PathLike) -> Path:
-    """Return the left camera's file of a recording's folder."""
+    """Return the left camera's file of a recording's folder.
+
+    Parameters
+    ----------
+    folder : str or path
+        The recording.
+
+    Returns
+    -------
+    Path
+    """
     for place in _PLACES:
         if os.path.exists(os.path.join(folder, place)):
             return Path(folder, place)
@@ -27,7 +37,17 @@ def left_file(folder: PathLike) -> Path:
 
 
 def is_euroc(source: Source) -> bool:
-    """Tell whether a mapping is that of one EuRoC sensor."""
+    """Tell whether a mapping is that of one EuRoC sensor.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return "T_BS" in source
 
 

@@ -1,4 +1,4 @@
-"""Kalibr's camera chain: a mapping of cam0, cam1, each with its lens and its pose against the one before."""
+"""Kalibr's camera chain: a mapping of cam0, cam1, each with its lens and its pose relative to the one before."""
 
 from __future__ import annotations
 
@@ -10,7 +10,17 @@ KIND = "Kalibr camchain"
 
 
 def is_kalibr(source: Source) -> bool:
-    """Tell whether a mapping is a camera chain."""
+    """Tell whether a mapping is a camera chain.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return any(isinstance(source.values.get(name), dict) for name in ("cam0", "cam1"))
 
 
@@ -31,7 +41,7 @@ def read_kalibr(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If a value is missing or out of range, or a lens is no pinhole with Brown's distortion or none.
+        If a value is missing or out of range, or a lens is no pinhole, with Brown's distortion or without.
 
     Examples
     --------

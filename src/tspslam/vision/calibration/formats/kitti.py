@@ -31,12 +31,34 @@ _IDENTITY = 1e-6
 
 
 def is_kitti(text: str) -> bool:
-    """Tell whether a text has lines of a KITTI calibration file."""
+    """Tell whether a text has lines of a KITTI calibration file.
+
+    Parameters
+    ----------
+    text : str
+        Of a file.
+
+    Returns
+    -------
+    bool
+    """
     return bool(_RAW_LINE.search(text) or _ODOMETRY_LINE.search(text)) or _is_nameless(text)
 
 
 def parse_kitti(text: str, path: PathLike) -> Source:
-    """Return the lines ``name: numbers`` of a file; nameless lines of twelve numbers are P0, P1 and so on."""
+    """Return the lines ``name: numbers`` of a file; nameless lines of twelve numbers are P0, P1 and so on.
+
+    Parameters
+    ----------
+    text : str
+        Of the file.
+    path : str or path
+        Its name, for errors.
+
+    Returns
+    -------
+    Source
+    """
     values: dict[Any, Any] = {}
     nameless = _is_nameless(text)
     for k, (number, line) in enumerate(_lines(text)):
@@ -67,7 +89,8 @@ def read_kitti(source: Source, size: Size | None = None) -> Calibration:
     """Read the values of a KITTI file.
 
     An odometry file has a rectified pair (P0, P1) without its image size. A raw drive's file has the pair both as it
-    was recorded and rectified: the size of the images tells which is meant, and without one it is the rectified.
+    was recorded and rectified: the size of the images tells which is meant; without one it is
+    the rectified pair.
 
     Parameters
     ----------

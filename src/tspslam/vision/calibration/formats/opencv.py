@@ -36,14 +36,24 @@ _LONG = 5.0  # m; few rigs are as wide, but 60 is what one calibrated in mm says
 
 
 def is_opencv(source: Source) -> bool:
-    """Tell whether a mapping has keys of a stereo calibration."""
+    """Tell whether a mapping has keys of a stereo calibration.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     keys = {key for names in _LENSES for key in names if not key.startswith(("D", "dist"))}
     has_pose = all(isinstance(source.values.get(key), dict | list) for key in "RT")
     return has_pose or bool((keys | {"P1", "P2"}) & source.values.keys())
 
 
 def read_opencv(source: Source, size: Size | None = None) -> Calibration:
-    """Read the cameras as they were calibrated, or where only ``P1`` and ``P2`` are there, the rectified pair.
+    """Read the raw cameras, or the rectified pair where the file has only ``P1`` and ``P2``.
 
     Lenses are ``M1 D1 M2 D2``, ``K1 D1 K2 D2`` or ``cameraMatrix1 distCoeffs1 ...``; ``x2 = R x1 + T``. They may be in
     one file, or in two whose names differ in ``intrinsics`` and ``extrinsics``.

@@ -28,7 +28,17 @@ _FURTHER = ("k4", "k5", "k6")
 
 
 def is_orbslam(source: Source) -> bool:
-    """Tell whether a mapping is a settings file."""
+    """Tell whether a mapping is a settings file.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return any(isinstance(key, str) and key.startswith(("Camera.", "Camera1.", "LEFT.")) for key in source.values)
 
 
@@ -53,7 +63,7 @@ def read_orbslam(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If a value is missing or out of range, the lens is another than PinHole or Rectified, a rectified camera is
+        If a value is missing or out of range, the lens is neither PinHole nor Rectified, a rectified camera is
         distorted, or no image size is known.
 
     Examples

@@ -231,12 +231,34 @@ _KEYS = ("fx", "fy", "cx", "cy", "baseline", "left", "right", "T_right_left")
 
 
 def is_own(source: Source) -> bool:
-    """Tell whether a mapping has keys of our files."""
+    """Tell whether a mapping has keys of our files.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read.
+
+    Returns
+    -------
+    bool
+    """
     return any(key in source for key in _KEYS)
 
 
 def read_own(source: Source, size: Size | None = None) -> Calibration:
-    """Read the file anew, as our own."""
+    """Read the file anew, as our own.
+
+    Parameters
+    ----------
+    source : Source
+        A file that was read, and is known as ours.
+    size : (width, height), optional
+        Of the images, px, which the file must agree with.
+
+    Returns
+    -------
+    Calibration
+    """
     cameras = load_cameras(source.path)
     camera = cameras if isinstance(cameras, Rig) else cameras.left
     agreed_size(source, {"width": (camera.width, "width"), "height": (camera.height, "height")}, size)
