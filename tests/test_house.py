@@ -21,6 +21,7 @@ GROUND = {
     "_settings",
     "_stopwatch",
     "_text",
+    "_threads",
     "_yaml",
     "types",
     "errors",

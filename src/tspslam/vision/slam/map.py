@@ -334,15 +334,7 @@ class Map:
             self.change(-self.max_images() - 1, grey=None)
 
     def change(self, place: int, **changes: Any) -> None:
-        """Replace fields of a keyframe.
-
-        Parameters
-        ----------
-        place : int
-            Which one.
-        **changes
-            Its fields.
-        """
+        """Replace fields of keyframe number `place`."""
         self.keyframes[place] = replace(self.keyframes[place], **changes)
 
     def max_images(self) -> int:
