@@ -189,11 +189,6 @@ def test_public_names_are_documented():
 
 NOT_YET = [
     "session",
-    "vision/slam/",
-    "vision/images",
-    "vision/stereo/reconstruct",
-    "vision/stereo/row_matcher",
-    "vision/stereo/mismatch",
     "run/pipeline",
     "run/sequence",
     "run/record",

@@ -27,8 +27,8 @@ def grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1]; colour is RGB.
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1]; colour is RGB.
 
     Returns
     -------
@@ -60,8 +60,8 @@ def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1]; colour is RGB, weighed by Rec. 601.
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1]; colour is RGB, weighed by Rec. 601.
 
     Returns
     -------
@@ -98,8 +98,8 @@ def smooth_plane(image: NDArray[Any]) -> Plane:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1].
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1].
 
     Returns
     -------
@@ -143,8 +143,8 @@ def pyramid(image: Image) -> Pyramid:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1].
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1].
 
     Returns
     -------
@@ -173,8 +173,8 @@ class PreparedImage:
 
     Attributes
     ----------
-    image : (H, W) or (H, W, 3) array
-        uint8, uint16, or float in [0, 1].
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        Floats in [0, 1].
     """
 
     image: Image

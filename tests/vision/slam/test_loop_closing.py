@@ -210,7 +210,7 @@ def test_a_camera_that_only_turned_is_bent_too(walk):
     odometry.path.pose = odometry.mapper.join(odometry.path.pose)
     world, T = odometry.map, np.eye(4)
     for k in range(len(world.keyframes)):
-        world.change(k, T_world_camera=np.eye(4))
+        world.keyframes[k] = replace(world.keyframes[k], T_world_camera=np.eye(4))
     T[:3, 3] = 0.1, 0, 0
     distribute_loop_error(world, 0, T, np.eye(4))
     moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])

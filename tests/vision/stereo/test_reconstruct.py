@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
+from tspslam import _threads
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import GeometryError, InputError
 from tspslam.types import Features, Rig, StereoPair
-from tspslam import _threads
 from tspslam.vision.features.grid import GridDetector
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.rig import covariance, project

@@ -367,7 +367,18 @@ def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
 
 
 def lens_of(rig: Rig) -> FloatArray:
-    """(fx, fy, cx, cy, skew, fx B, doffs, 0 for the offset): what the compiled loops know of a rig."""
+    """Collect what the compiled loops know of a rig.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+
+    Returns
+    -------
+    (8,) float64
+        fx, fy, cx, cy, skew, fx B, doffs, and 0 for the offset of the disparities.
+    """
     return np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.skew, rig.fx * rig.baseline, rig.doffs, 0.0], np.float64)
 
 

@@ -165,8 +165,8 @@ class AdjustmentProblem:
 
         Returns
         -------
-        dict
-            By the number of each frame: its row in the adjustment, and which of its observations stay, (K,) bool.
+        dict of int to (int, (K,) bool)
+            By the number of each frame: its row in the adjustment, and which of its observations stay.
         """
         ends = np.cumsum([len(frame.landmark) for frame in self.frames])
         good = np.ones(ends[-1], np.bool_)

@@ -312,7 +312,11 @@ def distribute_loop_error(map_: Map, place: int, T: FloatArray, T_world_camera: 
         first_seen[map_.keyframes[k].landmark] = max(k, place)
     for k in range(place + 1, len(map_.keyframes)):
         part = repeated(T, way[k - place - 1] / way[-1])
-        map_.change(k, T_world_camera=normalised(part @ map_.keyframes[k].T_world_camera), is_start=False)
+        map_.keyframes[k] = replace(
+            map_.keyframes[k],
+            T_world_camera=normalised(part @ map_.keyframes[k].T_world_camera),
+            is_start=False,
+        )
         moved = first_seen == k
         map_.xyz[moved] = map_.xyz[moved] @ part[:3, :3].T + part[:3, 3]
     map_.has_new_loop = True

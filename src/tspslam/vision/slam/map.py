@@ -249,7 +249,7 @@ class Map:
 
         Returns
         -------
-        dict
+        dict of str to array
             ``landmark`` (O,) int64, ``uv`` (O, 2) float64, px, ``disparity`` (O,) float64, px.
         """
         nothing = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
@@ -326,15 +326,14 @@ class Map:
         """Forget images that are not looked for; now and then, landmarks and keyframes that are of no use."""
         last = self.settings.references
         if len(self.keyframes) > last:
-            self.change(-last - 1, image=None)
+            self._change(-last - 1, image=None)
         if len(self.keyframes) % self.settings.cull_every == 0:
             self._cull_landmarks()
             self._cull_keyframes()
         if len(self.keyframes) > self.max_images():
-            self.change(-self.max_images() - 1, grey=None)
+            self._change(-self.max_images() - 1, grey=None)
 
-    def change(self, place: int, **changes: Any) -> None:
-        """Replace fields of keyframe number `place`."""
+    def _change(self, place: int, **changes: Any) -> None:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
 
     def max_images(self) -> int:
@@ -367,7 +366,7 @@ class Map:
                 continue
             _, first = np.unique(landmark, return_index=True)
             kept = np.sort(first[landmark[first] >= 0])
-            self.change(k, landmark=landmark[kept], uv=frame.uv[kept], disparity=frame.disparity[kept])
+            self._change(k, landmark=landmark[kept], uv=frame.uv[kept], disparity=frame.disparity[kept])
 
     def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
@@ -433,12 +432,12 @@ class Map:
             Landmarks that were adjusted.
         found : Adjustment
             Their places, and the poses of the keyframes.
-        keyframes : dict
-            For the number of each frame: its row in the adjustment, and which of its observations stay, (K,) bool.
+        keyframes : dict of int to (int, (K,) bool)
+            For the number of each frame: its row in the adjustment, and which of its observations stay.
         """
         self.xyz[rows] = found.xyz
         for k, frame in enumerate(self.keyframes):
             if frame.index in keyframes:
                 row, kept = keyframes[frame.index]
                 columns = {name: getattr(frame, name)[kept] for name in ("landmark", "uv", "disparity")}
-                self.change(k, T_world_camera=found.T_world_camera[row], **columns)
+                self._change(k, T_world_camera=found.T_world_camera[row], **columns)

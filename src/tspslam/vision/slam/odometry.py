@@ -380,7 +380,8 @@ class StereoOdometry:
 
         Returns
         -------
-        dict of arrays
+        dict of str to array
+            As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.loops, mapper.is_adjusting
@@ -399,8 +400,8 @@ class StereoOdometry:
 
         Parameters
         ----------
-        state : dict of arrays
-            As `state` gave it.
+        state : dict of str to array
+            As `state` gave it, such as ``xyz`` (M, 3) float64.
         image_of : callable
             Left image of a frame by its number, from 0.
 

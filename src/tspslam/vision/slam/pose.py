@@ -100,6 +100,10 @@ def fit_pose(
     max_steps : int
         Levenberg-Marquardt steps.
 
+    Returns
+    -------
+    PoseFit
+
     Raises
     ------
     GeometryError

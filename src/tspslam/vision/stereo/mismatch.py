@@ -28,6 +28,13 @@ def refuse_one_picture_stored_twice(pair: StereoPair, matches: Matches) -> None:
 
     Scenes so distant that all of their disparities vanish go the same way: they have no depth either. Cameras with an
     offset (doffs) see zero disparity at one depth only.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        The images.
+    matches : Matches
+        Theirs.
     """
     if len(matches) < _NEEDED or abs(matches.vertical_offset_px) > _SAME_ROWS:
         return

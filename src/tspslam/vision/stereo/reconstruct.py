@@ -161,7 +161,24 @@ class Stereo:
 
 
 def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
-    """Detect on both images at a time, match, triangulate; errors as `reconstruct`."""
+    """Detect on both images at a time, match, triangulate.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        The images.
+    detect, match : callable
+        The stages, as `detector` and `matcher` of `reconstruct`.
+
+    Returns
+    -------
+    Stereo
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `reconstruct`.
+    """
     pair = prepare(pair)
     if pair.disparity is not None:
         return _of_map(pair, pair.disparity, detect(pair.left_image.grey))

@@ -27,7 +27,20 @@ _BACK_PATCHES = Patches(radius=6, contrast=0.1)
 
 
 def level_rows(planes: Planes, offset: float) -> Planes:
-    """Planes whose rows agree: the right one moved by its vertical offset, px, unless that does no harm."""
+    """Level two planes: the right one is moved by its vertical offset, unless that does no harm.
+
+    Parameters
+    ----------
+    planes : (left, right), each (H, W) float32
+        Smoothed planes.
+    offset : float
+        Rows of the right image less those of the left, px.
+
+    Returns
+    -------
+    (left, right), each (H, W) float32
+        Planes whose rows agree.
+    """
     return planes if abs(offset) < _LEVEL else (planes[0], shift_rows(planes[1], offset))
 
 
@@ -35,6 +48,16 @@ def search_near(matcher: object) -> SearchNear:
     """Return how disparities are searched near known ones: the matcher's own `near`, else a `RowMatcher`'s.
 
     The latter keeps to the matcher's limits, if it has any.
+
+    Parameters
+    ----------
+    matcher : object
+        Such as `RowMatcher`.
+
+    Returns
+    -------
+    callable
+        (planes, uv, guess) -> disparities, as `RowMatcher.near`.
 
     Examples
     --------
