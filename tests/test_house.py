@@ -246,7 +246,7 @@ def referred(found) -> dict[str, str]:
 def is_vague(kind: str, annotation: str) -> bool:
     """Whether an array lacks its shape or the type of its numbers."""
     is_array = re.search(r"Array|(?<!\.)\bImage\b(?!\.)", annotation) or re.search(r"\barrays?\b", kind)
-    if not is_array or "Callable" in annotation or "sparse" in kind:
+    if not is_array or "Callable" in annotation or "sparse" in kind or kind.startswith("dict"):
         return False
     return not (re.search(SHAPE, kind) and re.search(DTYPE, kind))
 
