@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._threads import thread_count
 from ..errors import InputError
 from ..types import Bank, BoolArray, FloatArray, IntArray, Response, Surface, real_array
 from .complex import build_complex
@@ -349,7 +349,7 @@ def _by_patches(
     def work(chunk: NDArray[np.int64]) -> int:
         return int(_mahf.filter_patches(chunk, matrix, table, times.max(), error, field, modes, z))
 
-    with ThreadPoolExecutor(max(1, min(len(chunks), os.cpu_count() or 1))) as pool:
+    with ThreadPoolExecutor(max(1, min(len(chunks), thread_count()))) as pool:
         growing = [vertex for vertex in pool.map(work, chunks) if vertex >= 0]
     if growing:
         _refuse_growth(mesh, min(growing))

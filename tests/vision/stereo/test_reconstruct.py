@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +17,7 @@ from tspslam.vision.features.grid import GridDetector
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.rig import covariance, project
 from tspslam.vision.slam.odometry import StereoOdometry
-from tspslam.vision.stereo import descriptor_matcher as descriptors
 from tspslam.vision.stereo import reconstruct
-from tspslam.vision.stereo import row_matcher as matching
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.matches import Matches
 from tspslam.vision.stereo.reconstruct import reconstruct_with_quality
@@ -65,12 +62,8 @@ def test_cloud_is_consistent_with_its_rig(pair: StereoPair) -> None:
 
 
 def test_result_does_not_depend_on_threads(pair: StereoPair, monkeypatch: pytest.MonkeyPatch) -> None:
-    def one_by_one(function: Callable[[Any], Any], items: tuple[Any, Any]) -> tuple[Any, Any]:
-        return function(items[0]), function(items[1])
-
     two = reconstruct.reconstruct(pair)
-    for module in (_threads, descriptors, matching, reconstruct):
-        monkeypatch.setattr(module, "both", one_by_one)
+    monkeypatch.setattr(_threads, "_budget", 1)
     one = reconstruct.reconstruct(pair)
     for name in ("xyz", "uv", "disparity", "covariance"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._threads import both
 from ...errors import InputError
 from ...types import FloatArray, Rig, StereoPair, real_array
 from ...vision.rig import LARGEST_AREA, LARGEST_SIDE
@@ -181,8 +181,7 @@ class SyntheticSequence:
         """Render pair `place` of those that were not dropped; IndexError past the end."""
         place = checked_index(place, len(self))
         index = int(self.indices[place])
-        with ThreadPoolExecutor(2) as pool:
-            left, right = pool.map(lambda side: self._take(place, side), (0, 1))
+        left, right = both(lambda side: self._take(place, side), (0, 1))
         return StereoPair(left, right, self.rig, float(self.stamps[place]), index, f"{self.name}_{index:06d}")
 
     def __iter__(self) -> Iterator[StereoPair]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._threads import thread_count
 from ...types import BoolArray, FloatArray
 
 _NEIGHBOURS = 8
@@ -74,7 +75,9 @@ def supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> Boo
         return np.ones(len(uv), np.bool_)
     from scipy.spatial import cKDTree
 
-    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(uv, _NEIGHBOURS + 1, workers=2)
+    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(
+        uv, _NEIGHBOURS + 1, workers=thread_count()
+    )
     difference = np.abs(disparity[neighbour] - disparity[:, None])
     agree = difference <= tolerance + _SLOPE * distance
     agrees: BoolArray = np.count_nonzero(agree, axis=1) > _NEEDED  # the point itself agrees too
