@@ -63,7 +63,7 @@ def trouble_of(model: bytes, shape: tuple[int, ...]) -> str:
     """
     if not sys.executable or getattr(sys, "frozen", False):
         return "cannot be tried out (no Python interpreter to do it in)"
-    places = [str(Path(__file__).parents[2]), *filter(None, sys.path)]
+    places = [str(Path(__file__).parents[3]), *filter(None, sys.path)]
     code = f"import sys; sys.path[:] = {places!r}; from {__name__} import main; main()"
     command = [sys.executable, "-P", "-c", code, *map(str, shape)]
     try:
