@@ -199,6 +199,13 @@ def test_a_wrong_value_in_a_group_is_named_in_full(deep, assignment, said):
     assert "\n" not in str(caught.value)
 
 
+def test_a_group_where_a_setting_goes_is_told_its_settings():
+    with pytest.raises(
+        InputError, match=r"unknown setting 'filter'; it is a group: filter\.kind, filter\.order, filter\.c"
+    ):
+        resolve(assignments=["filter=tmahf"])
+
+
 def test_a_choice_is_one_of_its_values():
     assert Gates(shape="square").shape == "square"
     for shape in ("flat", None, ["round"]):

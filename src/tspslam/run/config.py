@@ -220,8 +220,12 @@ def find_setting(name: str, known: Mapping[str, Setting], source: str) -> Settin
     for old, new in RENAMED.items():
         if name == old or name.startswith(f"{old}."):
             raise InputError(f"{source}: the setting {shown} is now called {new}{one_line(name[len(old) :])[:80]}")
-    near = difflib.get_close_matches(name, known, 1, 0.5)
+    inner, near = (
+        [each for each in known if each.startswith(f"{name}.")],
+        difflib.get_close_matches(name, known, 1, 0.5),
+    )
     hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+    hint = f"it is a group: {', '.join(inner)}" if inner else hint
     raise InputError(f"{source}: unknown setting {shown}; {hint}")
 
 
