@@ -54,7 +54,19 @@ def setting(
 
 
 def copy_setting(kind: type, name: str) -> Any:
-    """Make a field with the default, range, unit and source of another class's: the same setting in two stages."""
+    """Make a field with the default, range, unit and source of another class's: the same setting in two stages.
+
+    Parameters
+    ----------
+    kind : type
+        The other class.
+    name : str
+        Of its field.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     known = next(each for each in fields(kind) if each.name == name)
     return field(default=known.default, metadata=known.metadata)
 
@@ -88,12 +100,34 @@ def check_settings(what: str, settings: Any) -> None:
 
 @cache
 def hints_of(kind: type) -> Mapping[str, Any]:
-    """Types of the fields of a data class."""
+    """Types of the fields of a data class.
+
+    Parameters
+    ----------
+    kind : type
+        The class.
+
+    Returns
+    -------
+    dict of str to types
+    """
     return get_type_hints(kind)
 
 
 def is_within(value: Any, low: float | None, high: float | None) -> bool:
-    """Whether a value is in its range; NaN is in none, what is no number in every one."""
+    """Whether a value is in its range; NaN is in none, what is no number in every one.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    low, high : float or None
+        Smallest and largest one, both allowed.
+
+    Returns
+    -------
+    bool
+    """
     if not isinstance(value, Real):
         return True
     number: Any = value
@@ -101,7 +135,18 @@ def is_within(value: Any, low: float | None, high: float | None) -> bool:
 
 
 def describe_type(hint: Any, words: Mapping[Any, str] = PYTHON_WORDS) -> str:
-    """What a type allows, in words.
+    """Return in words what a type allows.
+
+    Parameters
+    ----------
+    hint : object
+        Annotation of a field.
+    words : dict of types to str
+        What to call plain types.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
@@ -118,6 +163,15 @@ def describe_type(hint: Any, words: Mapping[Any, str] = PYTHON_WORDS) -> str:
 def describe_range(low: float | None, high: float | None) -> str:
     """Return a range in words; empty where everything goes.
 
+    Parameters
+    ----------
+    low, high : float or None
+        Smallest and largest value, both allowed.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> describe_range(0, 1_000_000), describe_range(0.5, None)
@@ -130,6 +184,15 @@ def describe_range(low: float | None, high: float | None) -> str:
 
 def read_meanings(kind: type) -> dict[str, str]:
     """What each parameter or attribute of a class means, from its docstring, in a line each.
+
+    Parameters
+    ----------
+    kind : type
+        The class.
+
+    Returns
+    -------
+    dict of str to str
 
     Examples
     --------

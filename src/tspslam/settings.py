@@ -166,7 +166,24 @@ def list_settings(settings: Settings | None = None) -> list[Setting]:
 
 
 def find_kind(settings: Settings, stage: str) -> str:
-    """Which of its `KINDS` a stage is; InputError for a function of the user's own, which has no name."""
+    """Which of its `KINDS` a stage is.
+
+    Parameters
+    ----------
+    settings : Settings
+        The stages.
+    stage : str
+        Which of them.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If it is a function of the user's own, which has no name.
+    """
     chosen = type(getattr(settings, stage))
     for name, kind in KINDS[stage].items():
         if kind is chosen:
@@ -176,7 +193,22 @@ def find_kind(settings: Settings, stage: str) -> str:
 
 
 def find_preset(name: str) -> Settings:
-    """Settings to start from; InputError for a name that is unknown."""
+    """Settings to start from.
+
+    Parameters
+    ----------
+    name : str
+        One of `PRESETS`.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    InputError
+        If the name is unknown.
+    """
     if name not in PRESETS:
         raise InputError(f"preset is {name!r}, expected one of {', '.join(PRESETS)}")
     return PRESETS[name]

@@ -140,7 +140,19 @@ def describe(resolved: Resolved, names: Iterable[str] = ()) -> dict[str, dict[st
 
 
 def tabulate(rows: Mapping[str, Mapping[str, Any]], *, has_notes: bool = False) -> list[str]:
-    """Lines of a table of what `describe` gave; with notes, what each setting means, and where its default is from."""
+    """Lines of a table of what `describe` gave.
+
+    Parameters
+    ----------
+    rows : dict of dict
+        As `describe` gives them.
+    has_notes : bool
+        Whether to say below each setting what it means, and where its default comes from.
+
+    Returns
+    -------
+    list of str
+    """
     cells = [("setting", "value", "unit", "range", "from")]
     cells += [
         (name, json.dumps(row["value"]), row["unit"] or "", row["range"], row["origin"]) for name, row in rows.items()
@@ -213,7 +225,26 @@ def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def find_setting(name: str, known: Mapping[str, Setting], source: str) -> Setting:
-    """The setting of a dotted name; InputError, with its new name or the nearest one, if there is none."""
+    """The setting of a dotted name.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"matcher.patches.radius"``.
+    known : dict of str to Setting
+        All that there are, by name.
+    source : str
+        Who asks for it, for the message.
+
+    Returns
+    -------
+    Setting
+
+    Raises
+    ------
+    InputError
+        If there is none, with its new name, the settings of the group that it is, or the nearest name.
+    """
     if name in known:
         return known[name]
     shown = one_line(repr(name))[:80]

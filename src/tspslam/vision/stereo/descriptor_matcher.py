@@ -189,7 +189,13 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
 
 
 def check_order(lowest: float | None, highest: float | None) -> None:
-    """Raise InputError unless limits of disparity are in order; None is no limit."""
+    """Raise `InputError` unless limits of the disparity are in order.
+
+    Parameters
+    ----------
+    lowest, highest : float or None
+        px; None is no limit.
+    """
     if lowest is not None and highest is not None and lowest > highest:
         raise InputError(f"matcher: min_disparity is {lowest}, expected at most max_disparity, {highest}")
 
