@@ -37,7 +37,7 @@ def test_every_setting_of_every_kind_has_a_meaning_a_unit_a_source_and_a_range(r
 @pytest.mark.parametrize("row", NUMBERS.values(), ids=NUMBERS)
 def test_a_number_out_of_its_range_is_refused_by_name(row):
     stage = row.name.split(".")[0]
-    for value in (row.high + 1, row.low - 1, float("nan")):
+    for value in (type(row.default)(row.high + 1), type(row.default)(row.low - 1), float("nan")):
         with pytest.raises(InputError) as caught:
             resolve(assignments=[f"{stage}.kind={row.kind}", f"{row.name}={value}".replace("nan", ".nan")])
         assert str(caught.value).startswith(f"--set: {row.name} is {value}, expected ")
