@@ -13,7 +13,7 @@ from sphinx.util.nodes import make_refnode
 
 import tspslam
 
-sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, rooms.py
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, rooms.py, settings_page.py
 
 project = "tspslam"
 author = copyright = "The tspslam authors"
@@ -72,6 +72,13 @@ def draw_pictures(app):
     pictures.draw(folder)
 
 
+def write_settings(app):
+    """The tables of the page of settings."""
+    import settings_page
+
+    settings_page.write(Path(app.srcdir, "_generated"))
+
+
 def run_code_blocks(app, doctree):
     """Run the Python blocks of a page in one namespace and show below each what it prints."""
     namespace = {"__name__": "__main__"}
@@ -120,6 +127,7 @@ def setup(app):
     app.connect("autodoc-process-docstring", split_grouped_fields, priority=400)
     app.connect("missing-reference", find_by_last_name)
     app.connect("builder-inited", draw_pictures)
+    app.connect("builder-inited", write_settings)
     app.connect("doctree-read", run_code_blocks)
     app.add_html_math_renderer(
         "mathml",

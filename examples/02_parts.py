@@ -3,9 +3,7 @@
 import numpy as np
 
 import tspslam
-from tspslam.topology.harmonic import Tmahf
 from tspslam.topology.texture import luminance
-from tspslam.vision.features.orb import OrbDetector
 
 # The walk: a pair, points, a surface, a complex, signals on its vertices, edges and faces, a response.
 pair = tspslam.datasets.motorcycle()
@@ -19,9 +17,9 @@ print(f"walk: {len(cloud)} points, {len(complex_.faces)} faces, {response.define
 
 # Exchange the detector, the surface and the filter of a session.
 fewer = tspslam.Settings(
-    detector=OrbDetector(count=500),
+    detector=tspslam.OrbDetector(count=500),
     surface=lambda points: tspslam.delaunay_surface(points, max_depth_ratio=0.02),
-    filter=Tmahf(order=2),
+    filter=tspslam.Tmahf(order=2),
 )
 frame = tspslam.Session(pair.rig, fewer).process(pair)
 print(f"exchanged: {len(frame.cloud)} points, {len(frame.complex_.faces)} faces, order {frame.response.order}")

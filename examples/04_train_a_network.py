@@ -16,7 +16,6 @@ import numpy as np
 import tspslam
 from tspslam.interop.tensors import to_pyg
 from tspslam.topology.texture import luminance
-from tspslam.vision.features.orb import OrbDetector
 
 try:
     import torch
@@ -39,7 +38,7 @@ def half_complexes(low: float, high: float) -> list[tuple[np.ndarray, tspslam.Co
     """Pixels and complex of the points between two columns, by three detectors; the image is not painted yet."""
     found = []
     for count in (1000, 2000, 3000):
-        cloud = tspslam.reconstruct(pair, detector=OrbDetector(count=count))
+        cloud = tspslam.reconstruct(pair, detector=tspslam.OrbDetector(count=count))
         part = (cloud.uv[:, 0] >= low) & (cloud.uv[:, 0] <= high)
         cloud = tspslam.Cloud(cloud.xyz[part], cloud.uv[part], cloud.disparity[part])
         found.append((cloud.uv, tspslam.build_complex(tspslam.delaunay_surface(cloud).faces, len(cloud))))

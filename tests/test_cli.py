@@ -14,7 +14,8 @@ from PIL import Image
 
 from tspslam import cli, read_calibration, rectification
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
-from tspslam.run.config import KINDS, resolve
+from tspslam.run.config import resolve
+from tspslam.settings import KINDS, PRESETS
 from tspslam.vision.calibration.formats.own import save_cameras
 from tspslam.vision.features.sift_brisk import SiftDetector
 
@@ -476,8 +477,8 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "--set", "filter.order=" + "9" * 30], "a number too large, expected an integer"),
     (["run", "--set", "surface.min_angle=" + "9" * 400], "a number too large, expected a number"),
     (["run", "--set", "filter.order=" + "[" * 3000], "too many levels"),
-    (["run", "--set", "filter.order=2000000"], "--set: tmahf: order is 2000000, expected an integer from 0 to 1000"),
-    (["run", "--set", "surface.min_angle=90"], "min_angle is 90.0, expected 0 to 60"),
+    (["run", "--set", "filter.order=2000000"], "--set: filter.order is 2000000, expected 0 to 1000"),
+    (["run", "--set", "surface.min_angle=90"], "--set: surface.min_angle is 90.0, expected 0 to 60"),
     (["run", "--set", "surface.significance=.nan"], "significance is nan"),
     (["run", "--set", "matcher.max_disparity=-50"], "max_disparity is -50 px, expected more than -31.086"),
     (["run", "--config", "/dev/zero"], "not a regular file"),
@@ -511,11 +512,39 @@ def test_config_show_says_where_each_value_came_from(capsys, tmp_path):
     (tmp_path / "my.yaml").write_text("filter: {order: 2}\nsurface: {min_angle: 5}\n")
     words = ["config", "show", "--preset", "paper", "--config", tmp_path / "my.yaml", "--set", "surface.min_angle=1"]
     rows = json.loads(type_in(capsys, *words, "--json")[1])
-    assert rows["filter.order"] == {"value": 2, "origin": str(tmp_path / "my.yaml")}
-    assert rows["surface.min_angle"] == {"value": 1.0, "origin": "--set"}
-    assert rows["filter.centering"] == {"value": "none", "origin": "preset paper"}
-    assert rows["detector.count"]["origin"] == "default"
-    assert "filter.order" in type_in(capsys, *words)[1]
+    found = {name: (row["value"], row["origin"]) for name, row in rows.items()}
+    assert found["filter.order"] == (2, str(tmp_path / "my.yaml"))
+    assert found["surface.min_angle"] == (1.0, "--set")
+    assert found["filter.centering"] == ("none", "preset paper")
+    assert found["detector.count"] == (2000, "default")
+    lines = {line.split()[0]: line.split()[1:] for line in type_in(capsys, *words)[1].splitlines()}
+    assert lines["surface.min_angle"] == ["1.0", "degrees", "0", "to", "60", "--set"]
+    assert lines["filter.centering"][-2:] == ["preset", "paper"]
+
+
+def test_config_show_of_a_name_says_what_it_means_and_why_it_is_so(capsys):
+    text = type_in(capsys, "config", "show", "matcher.patches", "surface.min_angle")[1]
+    names = [line.split()[0] for line in text.splitlines()[1:] if line[0] != " "]
+    assert names == ["matcher.patches.radius", "matcher.patches.contrast", "surface.min_angle"]
+    assert "slivers" in text
+    assert "Default 3.0: by hand; Motorcycle" in text
+    row = json.loads(type_in(capsys, "config", "show", "surface.min_angle", "--json")[1])["surface.min_angle"]
+    assert (row["low"], row["high"], row["unit"], row["range"]) == (0, 60, "degrees", "0 to 60")
+    assert set(row) == {"value", "origin", "default", "unit", "low", "high", "range", "source", "meaning"}
+    code, line = complain(capsys, "config", "show", "surface.min_angel")
+    assert code == 3
+    assert "unknown setting 'surface.min_angel'; did you mean surface.min_angle?" in line
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(("stage", "kind"), [(stage, kind) for stage, kinds in KINDS.items() for kind in kinds])
+def test_config_show_is_a_table_of_120_columns(capsys, preset, stage, kind):
+    lines = type_in(capsys, "config", "show", "--preset", preset, "--set", f"{stage}.kind={kind}")[1].splitlines()
+    assert max(map(len, lines)) <= 120
+    assert lines[0].split() == ["setting", "value", "unit", "range", "from"]
+    origin = lines[0].index("from")
+    assert {line[origin - 2 : origin] for line in lines} == {"  "}
+    assert {line[origin:] for line in lines[1:]} <= {"default", f"preset {preset}", "--set"}
 
 
 @pytest.mark.parametrize(("text", "message"), [

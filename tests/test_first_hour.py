@@ -167,7 +167,7 @@ def test_lists_and_tables_are_arrays():
     (lambda: tspslam.reconstruct((GREY, GREY)), "pair is tuple, expected a StereoPair"),
     (lambda: tspslam.reconstruct(PAIR, detector="sift"), "detector is 'sift', expected a callable, such as OrbDetector"),
     (lambda: tspslam.reconstruct(PAIR, detector=OrbDetector), "expected a callable, such as OrbDetector()"),
-    (lambda: tspslam.reconstruct(PAIR, max_disparity="64"), "max_disparity is '64', expected px"),
+    (lambda: tspslam.reconstruct(PAIR, max_disparity="64"), "max_disparity is '64', expected a number or None"),
     (lambda: tspslam.Session(PAIR), "rig is StereoPair, expected a Rig"),
     (lambda: tspslam.Session(RIG, {"detector": "orb"}), "settings is dict, expected a Settings"),
     (lambda: tspslam.Session(RIG).process((GREY, GREY)), "pair is tuple, expected a StereoPair"),

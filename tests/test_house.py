@@ -28,10 +28,12 @@ GROUND = {
 }
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
-    "cli": {"run", "view", "session", "interop", "datasets", "io", "vision", "topology", "printing"} | GROUND,
-    "run": {"session", "interop", "datasets", "io", "view", "vision", "topology"} | GROUND,
+    "cli": {"run", "view", "session", "settings", "interop", "datasets", "io", "vision", "topology", "printing"}
+    | GROUND,
+    "run": {"session", "settings", "interop", "datasets", "io", "view", "vision", "topology"} | GROUND,
     "interop": {"datasets", "io", "vision", "topology"} | GROUND,
-    "session": {"vision", "topology"} | GROUND,
+    "session": {"settings", "vision", "topology"} | GROUND,
+    "settings": {"vision", "topology"} | GROUND,
     "datasets": {"vision", "io"} | GROUND,
     "io": {"topology"} | GROUND,
     "view": {"topology"} | GROUND,

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
     from .session import Session as Session
-    from .session import Settings as Settings
+    from .settings import Settings as Settings
+    from .settings import list_settings as list_settings
     from .topology.cells import CellComplex as CellComplex
     from .topology.cells import build_cells as build_cells
     from .topology.cells import grow_labels as grow_labels
@@ -40,9 +41,11 @@ if TYPE_CHECKING:
     from .topology.chf import chf_bank as chf_bank
     from .topology.complex import Complex as Complex
     from .topology.complex import build_complex as build_complex
+    from .topology.crust import Crust as Crust
     from .topology.crust import crust_surface as crust_surface
     from .topology.diagnosis import diagnose_surface as diagnose_surface
     from .topology.flow import edge_flow as edge_flow
+    from .topology.harmonic import Tmahf as Tmahf
     from .topology.harmonic import tmahf as tmahf
     from .topology.harmonic import tmahf_bank as tmahf_bank
     from .topology.hodge import harmonic_basis as harmonic_basis
@@ -57,6 +60,7 @@ if TYPE_CHECKING:
     from .topology.spectral import smooth_signals as smooth_signals
     from .topology.spectral import tikhonov_filter as tikhonov_filter
     from .topology.spectrum import spectrum as spectrum
+    from .topology.surface import DelaunaySurface as DelaunaySurface
     from .topology.surface import delaunay_surface as delaunay_surface
     from .topology.texture import sample_signals as sample_signals
     from .topology.vectors import geometry_signals as geometry_signals
@@ -77,9 +81,19 @@ if TYPE_CHECKING:
     from .vision.calibration.formats.own import load_rig as load_rig
     from .vision.calibration.rectify import rectification as rectification
     from .vision.evaluate import evaluate_trajectory as evaluate_trajectory
+    from .vision.features.grid import GridDetector as GridDetector
+    from .vision.features.onnx import OnnxDetector as OnnxDetector
+    from .vision.features.orb import OrbDetector as OrbDetector
+    from .vision.features.sift_brisk import BriskDetector as BriskDetector
+    from .vision.features.sift_brisk import SiftDetector as SiftDetector
+    from .vision.slam.odometry import Tracking as Tracking
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
     from .vision.stereo.dense import cloud_from_disparity as cloud_from_disparity
+    from .vision.stereo.descriptor_matcher import DescriptorMatcher as DescriptorMatcher
+    from .vision.stereo.patches import Patches as Patches
     from .vision.stereo.reconstruct import reconstruct as reconstruct
+    from .vision.stereo.row_matcher import RowMatcher as RowMatcher
+    from .vision.stereo.sgbm import SgbmMatcher as SgbmMatcher
     from .vision.visibility import visible_uv as visible_uv
 
 __version__ = "0.1.0"
@@ -101,10 +115,19 @@ _HOMES = {
     ),
     "datasets.folder": ("read_pair",),
     "io.runs": ("StoredRun", "load_run"),
+    "vision.features.orb": ("OrbDetector",),
+    "vision.features.sift_brisk": ("BriskDetector", "SiftDetector"),
+    "vision.features.grid": ("GridDetector",),
+    "vision.features.onnx": ("OnnxDetector",),
+    "vision.stereo.row_matcher": ("RowMatcher",),
+    "vision.stereo.descriptor_matcher": ("DescriptorMatcher",),
+    "vision.stereo.sgbm": ("SgbmMatcher",),
+    "vision.stereo.patches": ("Patches",),
     "vision.stereo.reconstruct": ("reconstruct",),
+    "vision.slam.odometry": ("Tracking",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
-    "topology.surface": ("delaunay_surface",),
+    "topology.surface": ("DelaunaySurface", "delaunay_surface"),
     "topology.complex": ("Complex", "build_complex"),
     "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
     "topology.spectrum": ("spectrum",),
@@ -114,9 +137,9 @@ _HOMES = {
     "topology.homology": ("betti_numbers",),
     "topology.texture": ("sample_signals",),
     "topology.vectors": ("geometry_signals", "sample_vectors", "stack_signals"),
-    "topology.crust": ("crust_surface",),
+    "topology.crust": ("Crust", "crust_surface"),
     "topology.diagnosis": ("diagnose_surface",),
-    "topology.harmonic": ("tmahf", "tmahf_bank"),
+    "topology.harmonic": ("Tmahf", "tmahf", "tmahf_bank"),
     "topology.mahf": ("mahf", "mahf_bank"),
     "topology.chf": ("chf", "chf_bank"),
     "topology.cells": ("CellComplex", "build_cells", "grow_labels", "merge_cells", "merge_signals"),
@@ -124,7 +147,8 @@ _HOMES = {
     "vision.calibration.formats": ("read_calibration",),
     "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
-    "session": ("Session", "Settings"),
+    "session": ("Session",),
+    "settings": ("Settings", "list_settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "interop", "io", "view")

@@ -124,11 +124,3 @@ def check_luminance(what: str, image: NDArray[Any]) -> None:
         way = way or (": np.clip(image, 0, 1), where it is noise or overshoot" if low >= -1 and high <= 1.5 else "")
         expected = "0 to 1 (float images), no NaN or infinite ones"
         raise InputError(f"{what} has values from {low:g} to {high:g}, expected {expected}{way}")
-
-
-def check_ranges(what: str, detector: object, ranges: dict[str, tuple[float, float]]) -> None:
-    """Raise InputError unless each attribute of `detector` lies in its range."""
-    for name, (low, high) in ranges.items():
-        value = getattr(detector, name)
-        if not low <= value <= high:
-            raise InputError(f"{what}: {name} is {value}, expected {low} to {high}")

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import inspect
+import os
+import re
+from collections.abc import Mapping
 from dataclasses import field, fields
 from functools import cache
 from numbers import Integral, Real
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from .errors import InputError
 
-_KINDS = {int: "an integer", float: "a number", bool: "True or False", str: "text"}
+PYTHON_WORDS = {int: "an integer", float: "a number", bool: "True or False", str: "text", NoneType: "None"}
+YAML_WORDS = PYTHON_WORDS | {bool: "true or false", NoneType: "null"}
+_ENTRY = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:[ ]+.*\n|\n(?=[ ]))+)", re.MULTILINE)
 
 
 def setting(
-    default: Any, low: float | None = None, high: float | None = None, *, unit: str = "", source: str = ""
+    default: Any, low: float | None = None, high: float | None = None, *, unit: str | None = None, source: str = ""
 ) -> Any:
     """Make a field of a frozen data class that holds a setting.
 
@@ -27,7 +33,8 @@ def setting(
     unit : str
         Such as ``"px"`` or ``"m per m of depth"``; empty for a plain number.
     source : str
-        Where the default comes from: a reference, or what was measured on what.
+        Where the default comes from: a reference, or what was measured on what. Of a group of settings: where those
+        of its values come from that are not the group's own defaults.
 
     Returns
     -------
@@ -46,6 +53,24 @@ def setting(
     return field(default=default, metadata={"low": low, "high": high, "unit": unit, "source": source})
 
 
+def copy_setting(kind: type, name: str) -> Any:
+    """Make a field with the default, range, unit and source of another class's: the same setting in two stages.
+
+    Parameters
+    ----------
+    kind : type
+        The other class.
+    name : str
+        Of its field.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    known = next(each for each in fields(kind) if each.name == name)
+    return field(default=known.default, metadata=known.metadata)
+
+
 def check_settings(what: str, settings: Any) -> None:
     """Refuse a value of another type than its annotation, or out of its range.
 
@@ -61,35 +86,142 @@ def check_settings(what: str, settings: Any) -> None:
     InputError
         With the first value that is wrong.
     """
-    hints = _hints(type(settings))  # type: ignore[arg-type]
+    hints = hints_of(type(settings))  # type: ignore[arg-type]
     for each in fields(settings):
         if "low" not in each.metadata:
             continue
-        value, kinds = getattr(settings, each.name), _kinds_of(hints[each.name])
-        if not any(_is(value, kind) for kind in kinds):
-            expected = " or ".join(_KINDS.get(kind, "None") for kind in kinds)
-            raise InputError(f"{what}: {each.name} is {repr(value)[:40]}, expected {expected}")
+        value, hint = getattr(settings, each.name), hints[each.name]
+        if not _is(value, hint):
+            raise InputError(f"{what}: {each.name} is {repr(value)[:40]}, expected {describe_type(hint)}")
         low, high = each.metadata["low"], each.metadata["high"]
-        if isinstance(value, Real) and not ((low is None or value >= low) and (high is None or value <= high)):
-            raise InputError(f"{what}: {each.name} is {value}, expected {_range(low, high)}")
+        if not is_within(value, low, high):
+            raise InputError(f"{what}: {each.name} is {value}, expected {describe_range(low, high)}")
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
+def hints_of(kind: type) -> Mapping[str, Any]:
+    """Types of the fields of a data class.
+
+    Parameters
+    ----------
+    kind : type
+        The class.
+
+    Returns
+    -------
+    dict of str to types
+    """
     return get_type_hints(kind)
 
 
-def _kinds_of(hint: Any) -> tuple[Any, ...]:
-    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+def is_within(value: Any, low: float | None, high: float | None) -> bool:
+    """Whether a value is in its range; NaN is in none, what is no number in every one.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    low, high : float or None
+        Smallest and largest one, both allowed.
+
+    Returns
+    -------
+    bool
+    """
+    if not isinstance(value, Real):
+        return True
+    number: Any = value
+    return (low is None or number >= low) and (high is None or number <= high)
 
 
-def _is(value: Any, kind: Any) -> bool:
-    if kind not in (int, float):
-        return isinstance(value, kind)
-    return isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
+def describe_type(hint: Any, words: Mapping[Any, str] = PYTHON_WORDS) -> str:
+    """Return in words what a type allows.
+
+    Parameters
+    ----------
+    hint : object
+        Annotation of a field.
+    words : dict of types to str
+        What to call plain types.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> describe_type(float | None)
+    'a number or None'
+    """
+    if get_origin(hint) in (Union, UnionType):
+        return " or ".join(describe_type(each, words) for each in get_args(hint))
+    if get_origin(hint) is Literal:
+        return "one of " + ", ".join(map(str, get_args(hint)))
+    return words.get(hint, getattr(hint, "__name__", str(hint)))
 
 
-def _range(low: float | None, high: float | None) -> str:
+def describe_range(low: float | None, high: float | None) -> str:
+    """Return a range in words; empty where everything goes.
+
+    Parameters
+    ----------
+    low, high : float or None
+        Smallest and largest value, both allowed.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> describe_range(0, 1_000_000), describe_range(0.5, None)
+    ('0 to 1000000', 'at least 0.5')
+    """
     if low is None or high is None:
-        return f"at least {low:g}" if high is None else f"at most {high:g}"
-    return f"{low:g} to {high:g}"
+        return "" if low is high else f"at least {_plain(low)}" if high is None else f"at most {_plain(high)}"
+    return f"{_plain(low)} to {_plain(high)}"
+
+
+def read_meanings(kind: type) -> dict[str, str]:
+    """What each parameter or attribute of a class means, from its docstring, in a line each.
+
+    Parameters
+    ----------
+    kind : type
+        The class.
+
+    Returns
+    -------
+    dict of str to str
+
+    Examples
+    --------
+    >>> class Gate:
+    ...     '''A gate.
+    ...
+    ...     Parameters
+    ...     ----------
+    ...     width : float
+    ...         How far
+    ...         it opens, m.
+    ...     '''
+    >>> read_meanings(Gate)
+    {'width': 'How far it opens, m.'}
+    """
+    text = inspect.cleandoc(kind.__doc__ or "") + "\n"
+    found = ((names.split(", "), " ".join(meaning.split())) for names, meaning in _ENTRY.findall(text))
+    return {name: meaning for names, meaning in found for name in names}
+
+
+def _plain(number: float | None) -> str:
+    return f"{number:.7g}"
+
+
+def _is(value: Any, hint: Any) -> bool:
+    if get_origin(hint) in (Union, UnionType):
+        return any(_is(value, each) for each in get_args(hint))
+    if get_origin(hint) is Literal:
+        return isinstance(value, str) and value in get_args(hint)
+    if hint in (int, float):
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+    return isinstance(value, str | os.PathLike if hint is str else hint)

@@ -80,10 +80,11 @@ def run_command(
     """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
     from .run import config as configuration
     from .run import pipeline
+    from .settings import KINDS
 
-    known = configuration.KINDS["detector"]
-    if detector not in (None, *known):
-        raise typer.BadParameter(f"{detector!r}, expected one of {', '.join(known)}", param_hint="--detector")
+    if detector not in (None, *KINDS["detector"]):
+        expected = ", ".join(KINDS["detector"])
+        raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     if topics and (depth or disparity or len(source or []) != 1):
@@ -192,22 +193,19 @@ def eval_command(
 
 @config_app.command("show")
 def config_show_command(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME", help="Of these settings, or stages, all that is known.")
+    ] = None,
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show every setting, its value, and where it came from."""
+    """Show every setting: its value, unit and range, and where the value came from."""
     from .run import config as configuration
 
-    resolved = configuration.resolve(preset, config, assignments or [])
-    rows = {name: {"value": value, "origin": resolved.origin[name]} for name, value in resolved.values.items()}
-    if as_json:
-        _say(json.dumps(rows, sort_keys=True))
-        return
-    width = max(map(len, rows))
-    for name, row in rows.items():
-        _say(f"{name:<{width}}  {json.dumps(row['value']):<12}  {row['origin']}")
+    rows = configuration.describe(configuration.resolve(preset, config, assignments or []), names or [])
+    _say(*([json.dumps(rows, sort_keys=True)] if as_json else configuration.tabulate(rows, has_notes=bool(names))))
 
 
 @calib_app.command("show")

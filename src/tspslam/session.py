@@ -5,63 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from threading import RLock
 from typing import Any, TypeVar
 
-from ._checks import require, require_stage
+from ._checks import require
 from .errors import InputError
+from .settings import Settings as Settings
 from .topology.complex import Complex, build_complex
-from .topology.harmonic import Tmahf
-from .topology.surface import DelaunaySurface
 from .topology.texture import sample_signals
 from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface, Trajectory
-from .vision.features.orb import OrbDetector
 from .vision.rig import require_baseline
-from .vision.slam.odometry import StereoOdometry, Tracking
+from .vision.slam.odometry import StereoOdometry
 from .vision.slam.tracking import Tracked
-from .vision.stereo.reconstruct import Detector, Matcher, Stereo, StereoQuality, match_stereo
-from .vision.stereo.row_matcher import RowMatcher
+from .vision.stereo.reconstruct import Stereo, StereoQuality, match_stereo
 
 T = TypeVar("T")
-_STAGES = {"detector": "OrbDetector()", "matcher": "RowMatcher()", "surface": "DelaunaySurface()", "filter": "Tmahf()"}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The stages of the main job; each can be replaced by any callable of the same shape.
-
-    Attributes
-    ----------
-    detector : callable, image -> Features
-        Finds keypoints.
-    matcher : callable, (Features, Features, StereoPair) -> matches
-        Finds them again in the right image.
-    tracking : Tracking
-        How frames are joined to a path.
-    surface : callable, Cloud -> Surface
-        Joins the points to triangles.
-    filter : callable, (Complex, uv, Signals) -> Response
-        Answers at each vertex.
-
-    Examples
-    --------
-    >>> Settings(filter=Tmahf(order=2)).filter
-    Tmahf(order=2, centering=None)
-    """
-
-    detector: Detector = field(default_factory=OrbDetector)
-    matcher: Matcher = field(default_factory=RowMatcher)
-    tracking: Tracking = field(default_factory=Tracking)
-    surface: Callable[[Cloud], Surface] = field(default_factory=DelaunaySurface)
-    filter: Callable[[Complex, FloatArray, Signals], Response] = field(default_factory=Tmahf)
-
-    def __post_init__(self) -> None:
-        """Refuse the name of a stage, or its class, where an object goes that can be called."""
-        for name, such in _STAGES.items():
-            if isinstance(getattr(self, name), str | type):
-                require_stage(getattr(self, name), f"settings: {name}", such)
 
 
 def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:

@@ -4,44 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import json
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 from .._files import one_line
+from .._settings import YAML_WORDS, describe_range, describe_type, is_within
 from .._yaml import parse_yaml, read_yaml
 from ..errors import InputError
-from ..session import Settings
-from ..topology.crust import Crust
-from ..topology.harmonic import Tmahf
-from ..topology.surface import DelaunaySurface
-from ..vision.features.grid import GridDetector
-from ..vision.features.onnx import OnnxDetector
-from ..vision.features.orb import OrbDetector
-from ..vision.features.sift_brisk import BriskDetector, SiftDetector
-from ..vision.slam.odometry import Tracking
-from ..vision.stereo.descriptor_matcher import DescriptorMatcher
-from ..vision.stereo.reconstruct import PAPER_MATCHER
-from ..vision.stereo.row_matcher import RowMatcher
-from ..vision.stereo.sgbm import SgbmMatcher
+from ..settings import KINDS, Setting, Settings, find_kind, find_preset, list_settings
 
-PRESETS = ("default", "paper")
-KINDS: dict[str, dict[str, type]] = {
-    "detector": {
-        "orb": OrbDetector,
-        "sift": SiftDetector,
-        "brisk": BriskDetector,
-        "grid": GridDetector,
-        "onnx": OnnxDetector,
-    },
-    "matcher": {"row": RowMatcher, "descriptors": DescriptorMatcher, "sgbm": SgbmMatcher},
-    "tracking": {"stereo": Tracking},
-    "surface": {"delaunay": DelaunaySurface, "crust": Crust},
-    "filter": {"tmahf": Tmahf},
+RENAMED = {
+    "matcher.windows": "matcher.patches",
+    "matcher.back_windows": "matcher.back_patches",
 }
-"""What each stage can be, by the name that its setting ``kind`` has."""
+"""Settings, and groups of them, by their old names, and what they are called now."""
 _TOO_LARGE = 1 << 63
 
 
@@ -98,14 +79,13 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     """
     given = [(str(file), name, value) for name, value in (_read(file) if file else {}).items()]
     given += [("--set", *_split(assignment)) for assignment in assignments]
-    start = _with_kinds(_preset(preset), given)
-    values = flatten(start)
-    plain, chosen = flatten(Settings()), flatten(_preset(preset))
+    start = _with_kinds(find_preset(preset), given)
+    values, known = flatten(start), {row.name: row for row in list_settings(start)}
+    plain, chosen = flatten(Settings()), flatten(find_preset(preset))
     from_preset = {name for name, value in chosen.items() if value != plain.get(name) and value == values.get(name)}
     origin = {name: f"preset {preset}" if name in from_preset else "default" for name in values}
-    types = _types(start)
     for source, name, value in given:
-        values[name] = _checked(name, value, types, source)
+        values[name] = _checked(name, value, known, source)
         origin[name] = source
     return Resolved(_rebuilt(start, values, origin), origin)
 
@@ -123,11 +103,85 @@ def flatten(settings: Settings) -> dict[str, Any]:
     dict of str to plain values
     """
     flat: dict[str, Any] = {}
-    for stage, kinds in KINDS.items():
-        chosen = getattr(settings, stage)
-        flat[f"{stage}.kind"] = next(name for name, kind in kinds.items() if kind is type(chosen))
-        flat |= _flatten(chosen, f"{stage}.")
+    for stage in KINDS:
+        flat[f"{stage}.kind"] = find_kind(settings, stage)
+        flat |= _flatten(getattr(settings, stage), f"{stage}.")
     return flat
+
+
+def describe(resolved: Resolved, names: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
+    """All that is known of each setting, by its dotted name.
+
+    Parameters
+    ----------
+    resolved : Resolved
+        The settings.
+    names : iterable of str
+        Settings, groups of them or stages, such as ``"matcher.patches"``; else all.
+
+    Returns
+    -------
+    dict of dict
+        ``value``, ``origin`` (where it came from), ``default``, ``unit``, ``low``, ``high``, ``range``, ``source``
+        (where the default came from), ``meaning``: as JSON has them.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown.
+
+    Examples
+    --------
+    >>> describe(resolve(), ["filter.order"])["filter.order"]["range"]
+    '0 to 1000'
+    """
+    known, values = {row.name: row for row in list_settings(resolved.settings)}, resolved.values
+    wanted = [name.rstrip(".") for name in names]
+    for name in wanted:
+        if not any(each.startswith(f"{name}.") for each in known):
+            find_setting(name, known, "config show")
+    chosen = [name for name in known if not wanted or any(f"{name}.".startswith(f"{each}.") for each in wanted)]
+    told = ("default", "unit", "low", "high", "range", "source", "meaning")
+    return {
+        name: {"value": values[name], "origin": resolved.origin[name]}
+        | {each: getattr(known[name], each) for each in told}
+        for name in chosen
+    }
+
+
+def tabulate(rows: Mapping[str, Mapping[str, Any]], *, has_notes: bool = False) -> list[str]:
+    """Lines of a table of what `describe` gave.
+
+    Parameters
+    ----------
+    rows : dict of dict
+        As `describe` gives them.
+    has_notes : bool
+        Whether to say below each setting what it means, and where its default comes from.
+
+    Returns
+    -------
+    list of str
+    """
+    cells = [("setting", "value", "unit", "range", "from")]
+    cells += [
+        (name, json.dumps(row["value"]), row["unit"] or "", row["range"], row["origin"]) for name, row in rows.items()
+    ]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in cells]
+    if not has_notes:
+        return lines
+    return [
+        lines[0],
+        *(note for line, row in zip(lines[1:], rows.values(), strict=True) for note in (line, *_notes(row))),
+    ]
+
+
+def _notes(row: Mapping[str, Any]) -> list[str]:
+    notes = (row["meaning"].replace("`", ""), f"Default {json.dumps(row['default'])}: {row['source']}")
+    return [
+        line for note in notes for line in textwrap.wrap(note, 112, initial_indent="    ", subsequent_indent="    ")
+    ]
 
 
 def _flatten(part: Any, prefix: str) -> dict[str, Any]:
@@ -150,14 +204,6 @@ def _with_kinds(settings: Settings, given: list[tuple[str, str, Any]]) -> Settin
         if type(getattr(settings, stage)) is not KINDS[stage][value]:
             settings = replace(settings, **{stage: KINDS[stage][value]()})
     return settings
-
-
-def _preset(name: str) -> Settings:
-    if name not in PRESETS:
-        raise InputError(f"preset is {name!r}, expected one of {', '.join(PRESETS)}")
-    if name == "paper":
-        return Settings(matcher=PAPER_MATCHER, filter=Tmahf(centering="none"))
-    return Settings()
 
 
 def _split(assignment: str) -> tuple[str, Any]:
@@ -188,34 +234,54 @@ def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield f"{prefix}{key}", value
 
 
-def _types(settings: Settings) -> dict[str, Any]:
-    """Type of each value by its dotted name."""
-    types: dict[str, Any] = {}
-    for stage in KINDS:
-        types |= {f"{stage}.kind": str} | _part_types(getattr(settings, stage), f"{stage}.")
-    return types
+def find_setting(name: str, known: Mapping[str, Setting], source: str) -> Setting:
+    """The setting of a dotted name.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"matcher.patches.radius"``.
+    known : dict of str to Setting
+        All that there are, by name.
+    source : str
+        Who asks for it, for the message.
+
+    Returns
+    -------
+    Setting
+
+    Raises
+    ------
+    InputError
+        If there is none, with its new name, the settings of the group that it is, or the nearest name.
+    """
+    if name in known:
+        return known[name]
+    shown = one_line(repr(name))[:80]
+    for old, new in RENAMED.items():
+        if name == old or name.startswith(f"{old}."):
+            raise InputError(f"{source}: the setting {shown} is now called {new}{one_line(name[len(old) :])[:80]}")
+    inner, near = (
+        [each for each in known if each.startswith(f"{name}.")],
+        difflib.get_close_matches(name, known, 1, 0.5),
+    )
+    hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+    hint = f"it is a group: {', '.join(inner)}" if inner else hint
+    raise InputError(f"{source}: unknown setting {shown}; {hint}")
 
 
-def _part_types(part: Any, prefix: str) -> dict[str, Any]:
-    types: dict[str, Any] = {}
-    hints = get_type_hints(type(part))
-    for each in fields(part):
-        value, name = getattr(part, each.name), prefix + each.name
-        types |= _part_types(value, f"{name}.") if is_dataclass(value) else {name: hints[each.name]}
-    return types
-
-
-def _checked(name: str, value: Any, types: dict[str, Any], source: str) -> Any:
-    if name not in types:
-        near = difflib.get_close_matches(name, types, 1, 0.5)
-        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(types)}"
-        raise InputError(f"{source}: unknown setting {one_line(repr(name))[:80]}; {hint}")
+def _checked(name: str, value: Any, known: Mapping[str, Setting], source: str) -> Any:
+    """A value as the type of its setting, and in its range."""
+    row = find_setting(name, known, source)
     try:
-        return _fitted(value, types[name])
+        fitted = _fitted(value, row.type)
     except TypeError as error:
         is_huge = isinstance(value, int) and abs(value) >= _TOO_LARGE
         shown = "a number too large" if is_huge else one_line(repr(value))[:80]
-        raise InputError(f"{source}: {name} is {shown}, expected {_describe(types[name])}") from error
+        raise InputError(f"{source}: {name} is {shown}, expected {describe_type(row.type, YAML_WORDS)}") from error
+    if not is_within(fitted, row.low, row.high):
+        raise InputError(f"{source}: {name} is {fitted}, expected {describe_range(row.low, row.high)}")
+    return fitted
 
 
 def _rebuilt(part: Any, values: dict[str, Any], origin: dict[str, str], prefix: str = "") -> Any:
@@ -227,8 +293,8 @@ def _rebuilt(part: Any, values: dict[str, Any], origin: dict[str, str], prefix: 
     try:
         return replace(part, **changed)
     except InputError as error:
-        sources = {origin[prefix + key]: None for key in changed if prefix + key in values}
-        raise InputError(f"{', '.join(s for s in sources if s != 'default')}: {error}") from error
+        sources = {origin[name]: None for name in values if name.startswith(prefix) and origin[name] != "default"}
+        raise InputError(": ".join([*([", ".join(sources)] if sources else []), str(error)])) from error
 
 
 def _fitted(value: Any, wanted: Any) -> Any:
@@ -246,13 +312,3 @@ def _fitted(value: Any, wanted: Any) -> Any:
     elif type(value) is wanted:
         return value
     raise TypeError
-
-
-def _describe(wanted: Any) -> str:
-    if get_origin(wanted) in (Union, UnionType):
-        return " or ".join(_describe(each) for each in get_args(wanted))
-    if get_origin(wanted) is Literal:
-        return "one of " + ", ".join(map(str, get_args(wanted)))
-    if wanted in (None, NoneType):
-        return "null"
-    return {int: "an integer", float: "a number", bool: "true or false", str: "text"}.get(wanted, str(wanted))

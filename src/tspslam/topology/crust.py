@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError
 from ..types import BoolArray, Cloud, FloatArray, Surface
-from ._crust import farthest_centres, flood_outside
 from .complex import first_of_equals
 from .diagnosis import checked_positions, diagnose_surface, edges_of
 
@@ -170,6 +169,8 @@ def crust_surface(xyz: FloatArray) -> CrustSurface:
     >>> print(surface.report)
     200 points, 396 faces, Euler characteristic 2: closed manifold
     """
+    from ._crust import flood_outside
+
     xyz = checked_positions(xyz, "crust")
     rows = first_of_equals(xyz)
     samples = _jittered(_normalised(xyz, rows))
@@ -226,6 +227,8 @@ def _delaunay(corners: FloatArray, n: int) -> tuple[NDArray[np.int32], NDArray[n
 
 def _poles(samples: FloatArray) -> FloatArray:
     """For each sample the farthest Voronoi vertex of its cell and the farthest on the opposite side, thinned."""
+    from ._crust import farthest_centres
+
     corners = np.concatenate([samples, BOX])
     simplices, _ = _delaunay(corners, len(samples))
     centres = _circumcentres(corners, simplices)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from .._checks import with_part
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, FloatArray, IntArray
-from ._crust import trace_loops
 from .surface import pinched_vertices
 
 LARGEST = 1e100
@@ -318,6 +317,8 @@ def _count_components(edges: NDArray[np.int64], used: NDArray[Any]) -> int:
 
 def _loops(edges: NDArray[np.int64], balance: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     """Loops of edges that each vertex has an even number of, along the faces where these agree."""
+    from ._crust import trace_loops
+
     along = np.where(balance[:, None] > 0, edges, edges[:, ::-1])
     names, local = np.unique(along, return_inverse=True)
     ends = local.reshape(-1, 2)

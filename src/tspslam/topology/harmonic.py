@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._checks import require
+from .._settings import setting
 from ..errors import InputError
 from ..types import Bank, FloatArray, Response, Signals, real_array
 from .complex import Complex
@@ -30,18 +31,23 @@ class Tmahf:
     Attributes
     ----------
     order : int
-        Angular order, 0 <= m <= 1000.
+        Angular order m.
     centering : {"none", "mean", "harmonic", "plane"} or None
-        See `tmahf`; None takes its default for the order.
+        What is taken out of the sum (see `tmahf`); None is harmonic for orders above 0, none for order 0.
 
     Examples
     --------
-    >>> Tmahf(order=2).order
+    >>> from tspslam import Settings
+    >>> Settings(filter=Tmahf(order=2)).filter.order
     2
     """
 
-    order: int = 1
-    centering: Centering | None = None
+    order: int = setting(1, 0, _HIGHEST, unit="", source="the paper's m = 1: edges, and where they point")
+    centering: Centering | None = setting(
+        None,
+        unit="",
+        source="harmonic above order 0: answers to texture, not to where neighbours stand (docs/centering)",
+    )
 
     def __post_init__(self) -> None:
         _checked_mode(self.order, self.centering)

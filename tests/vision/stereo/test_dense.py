@@ -164,10 +164,10 @@ def test_a_map_without_values_is_named(empty: float) -> None:
 
 @pytest.mark.parametrize(("kind", "setting", "message"), [
     (GridDetector, {"step": 0}, "grid: step is 0"), (SgbmMatcher, {"block": 4}, "block is 4, expected an odd"),
-    (SgbmMatcher, {"block": 17}, "block is 17, expected an odd number from 1 to 15"),
-    (GridDetector, {"step": 2.5}, "step is 2.5, expected a whole number"),
-    (SgbmMatcher, {"min_disparity": -1e12}, "expected px, at most 100000 either way"),
-    (SgbmMatcher, {"uniqueness": 101}, "uniqueness, speckle are 101"),
+    (SgbmMatcher, {"block": 17}, "sgbm: block is 17, expected 1 to 15"),
+    (GridDetector, {"step": 2.5}, "grid: step is 2.5, expected an integer"),
+    (SgbmMatcher, {"min_disparity": -1e12}, "min_disparity is -1000000000000.0, expected -100000 to 100000"),
+    (SgbmMatcher, {"uniqueness": 101}, "sgbm: uniqueness is 101, expected 0 to 100"),
     (SgbmMatcher, {"min_disparity": 9.0, "max_disparity": 3.0}, "expected at most max_disparity"),
 ])  # fmt: skip
 def test_settings_out_of_range_are_named(kind: type, setting: dict[str, float], message: str) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ..._settings import check_settings, setting
 from ...types import Features
 from .spread import check_plane
 
@@ -32,11 +32,10 @@ class GridDetector:
     [[9.0, 9.0], [49.0, 9.0]]
     """
 
-    step: int = 16
+    step: int = setting(16, 1, 10_000, unit="px", source="by hand; Motorcycle: 1504 places, beside ORB's 1304 points")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.step, int | np.integer) or not 1 <= self.step <= 10_000:
-            raise InputError(f"grid: step is {self.step}, expected a whole number from 1 to 10000")
+        check_settings("grid", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Places of the grid in an (H, W) image, row by row, with equal margins."""

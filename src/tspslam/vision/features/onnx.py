@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._checks import check_ranges
 from ..._files import one_line, open_input, read_bytes
+from ..._settings import check_settings, copy_setting, setting
 from ...errors import InputError
 from ...types import Features
 from ._onnx_probe import load_network, run_network, trouble_of
-from .spread import SPREAD_RANGES, check_plane, choose_evenly, no_features
+from .orb import OrbDetector
+from .spread import check_plane, choose_evenly, no_features
 
 _EXPECTED = "an ONNX network from an image (1, 1, H, W) to scores (1, 1, H, W) and descriptors (1, D, h, w)"
 _running = threading.Lock()  # a network holds its own buffers, and a pair is detected in two threads
@@ -44,8 +45,10 @@ class OnnxDetector:
         Least score.
     radius : int
         A peak is the largest score within this distance, px.
-    per_cell, spacing : float
-        See `tspslam.vision.features.spread.choose_evenly`.
+    per_cell : float
+        Keypoints a cell of the image holds in the mean; smaller spreads more evenly.
+    spacing : float
+        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
 
     Raises
     ------
@@ -54,19 +57,22 @@ class OnnxDetector:
 
     Examples
     --------
-    >>> OnnxDetector("superpoint.onnx", count=1000).threshold
+    >>> from tspslam import Settings
+    >>> Settings(detector=OnnxDetector("superpoint.onnx", count=1000)).detector.threshold
     0.005
     """
 
-    path: str = ""
-    count: int = 2000
-    threshold: float = 0.005
-    radius: int = 4
-    per_cell: float = 6.0
-    spacing: float = 0.5
+    path: str = setting("", unit="", source="none: yours")
+    count: int = copy_setting(OrbDetector, "count")
+    threshold: float = setting(
+        0.005, 0.0, 1e9, unit="score", source="SuperPoint's as SuperGlue's authors run it (Sarlin et al. 2020)"
+    )
+    radius: int = setting(4, 1, 100, unit="px", source="SuperPoint's demo (DeTone et al. 2018)")
+    per_cell: float = copy_setting(OrbDetector, "per_cell")
+    spacing: float = copy_setting(OrbDetector, "spacing")
 
     def __post_init__(self) -> None:
-        check_ranges("onnx", self, SPREAD_RANGES | {"threshold": (0.0, 1e9), "radius": (1, 100)})
+        check_settings("onnx", self)
 
     @property
     def fingerprint(self) -> str:

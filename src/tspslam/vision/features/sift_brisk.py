@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._checks import check_ranges
+from ..._settings import check_settings, copy_setting, setting
 from ...types import Features
-from .spread import SPREAD_RANGES, check_plane, choose_evenly, no_features
+from .orb import OrbDetector
+from .spread import check_plane, choose_evenly, no_features
 
 _SMALLEST = 16  # px a side: below it OpenCV has no room for an octave, and fails in its own words
 _BRISK_SIZE = 12.0  # px, what OpenCV calls the size of a BRISK keypoint at full resolution
@@ -32,8 +33,10 @@ class SiftDetector:
         Largest ratio of principal curvatures.
     sigma : float
         Blur of the first scale, px.
-    per_cell, spacing : float
-        See `tspslam.vision.features.spread.choose_evenly`.
+    per_cell : float
+        Keypoints a cell of the image holds in the mean; smaller spreads more evenly.
+    spacing : float
+        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
 
     Raises
     ------
@@ -47,22 +50,19 @@ class SiftDetector:
     128
     """
 
-    count: int = 2000
-    layers: int = 3
-    contrast_threshold: float = 0.01
-    edge_threshold: float = 10.0
-    sigma: float = 1.6
-    per_cell: float = 6.0
-    spacing: float = 0.5
+    count: int = copy_setting(OrbDetector, "count")
+    layers: int = setting(3, 1, 10, unit="scales", source="Lowe 2004, and OpenCV's")
+    contrast_threshold: float = setting(
+        0.01, 0.0, 1.0, unit="luminance of 1",
+        source="by hand, to have a choice; Motorcycle: 0.005, 0.01, 0.04 (OpenCV's) give 1323, 1293, 782 points",
+    )  # fmt: skip
+    edge_threshold: float = setting(10.0, 1.0, 1000.0, unit="", source="Lowe 2004, and OpenCV's")
+    sigma: float = setting(1.6, 0.8, 10.0, unit="px", source="Lowe 2004, and OpenCV's")
+    per_cell: float = copy_setting(OrbDetector, "per_cell")
+    spacing: float = copy_setting(OrbDetector, "spacing")
 
     def __post_init__(self) -> None:
-        ranges = {
-            "layers": (1, 10),
-            "contrast_threshold": (0.0, 1.0),
-            "edge_threshold": (1.0, 1000.0),
-            "sigma": (0.8, 10.0),
-        }
-        check_ranges("sift", self, SPREAD_RANGES | ranges)
+        check_settings("sift", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints in an (H, W) uint8 image."""
@@ -90,8 +90,10 @@ class BriskDetector:
         Contrast of a corner in the AGAST test, grey levels.
     octaves : int
         Octaves; 0 for a single scale.
-    per_cell, spacing : float
-        See `tspslam.vision.features.spread.choose_evenly`.
+    per_cell : float
+        Keypoints a cell of the image holds in the mean; smaller spreads more evenly.
+    spacing : float
+        Least distance of two keypoints, as a share of sqrt(H W / count), the distance in a regular grid.
 
     Raises
     ------
@@ -105,14 +107,17 @@ class BriskDetector:
     64
     """
 
-    count: int = 2000
-    threshold: int = 10
-    octaves: int = 3
-    per_cell: float = 6.0
-    spacing: float = 0.5
+    count: int = copy_setting(OrbDetector, "count")
+    threshold: int = setting(
+        10, 1, 254, unit="grey levels of 255",
+        source="by hand, to have a choice; Motorcycle: 5, 10, 30 (OpenCV's) give 1364, 1281, 850 points",
+    )  # fmt: skip
+    octaves: int = setting(3, 0, 8, unit="octaves", source="OpenCV's; Motorcycle: 0, 3, 4 give 1254, 1281, 1282 points")
+    per_cell: float = copy_setting(OrbDetector, "per_cell")
+    spacing: float = copy_setting(OrbDetector, "spacing")
 
     def __post_init__(self) -> None:
-        check_ranges("brisk", self, SPREAD_RANGES | {"threshold": (1, 254), "octaves": (0, 8)})
+        check_settings("brisk", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints in an (H, W) uint8 image."""

@@ -11,13 +11,6 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...types import Features, FloatArray
 
-SPREAD_RANGES: dict[str, tuple[float, float]] = {
-    "count": (1, 1_000_000),
-    "per_cell": (0.1, 1000.0),
-    "spacing": (0.0, 1.0),
-}
-"""Ranges of the settings that `choose_evenly` takes."""
-
 
 def choose_evenly(
     uv: FloatArray,

@@ -73,11 +73,11 @@ class LoopSettings:
     drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="twice the largest RPE over 10 m on KITTI")
     drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="a turn's error of 1 degree")
     max_angle: float = setting(40.0, 0, 180, unit="degrees", source="half of a usual field of view")
-    known_share: float = setting(0.3, 0, 1, source="chosen by hand on a synthetic room")
+    known_share: float = setting(0.3, 0, 1, unit="", source="chosen by hand on a synthetic room")
     min_landmarks: int = setting(30, 4, 10_000, unit="landmarks", source="twice what a pose needs")
     same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="three standard deviations of a tracked point")
     max_hamming: float = setting(64.0, 0, 256, unit="bits", source="as the matcher of the two images")
-    ratio: float = setting(0.85, 0, 1, source="as the matcher of the two images")
+    ratio: float = setting(0.85, 0, 1, unit="", source="as the matcher of the two images")
     pnp_error: float = setting(4.0, 0.1, 100, unit="px", source="keypoints of coarse octaves are as far off")
 
     def __post_init__(self) -> None:

@@ -67,11 +67,11 @@ class Tracking:
     """
 
     window: int = setting(7, 2, 50, unit="keyframes", source="more do not better KITTI's paths, and cost time")
-    keyframe_share: float = setting(0.5, 0, 1, source="chosen by hand on KITTI's sequences")
+    keyframe_share: float = setting(0.5, 0, 1, unit="", source="chosen by hand on KITTI's sequences")
     patience: int = setting(3, 1, 1000, unit="frames", source="a steady motion says little after a third of a second")
     sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="residuals on KITTI and on synthetic streets")
     sigma_offset: float = setting(0.3, 0.001, 10, unit="px", source="KITTI's, calibrated with care, have up to 0.4")
-    every_frame: bool = setting(False, source="keyframes are what the map rests on")
+    every_frame: bool = setting(False, unit="", source="keyframes are what the map rests on")
     pose: TrackingSettings = field(default_factory=TrackingSettings)
     map: MapSettings = field(default_factory=MapSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
