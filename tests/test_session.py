@@ -9,7 +9,7 @@ import pytest
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
-from tspslam.run.record import offset_doubts
+from tspslam.run.summary import offset_doubts
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
 

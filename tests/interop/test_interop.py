@@ -63,7 +63,7 @@ def test_arrays_that_do_not_fit_are_named(changes, message):
 
 
 def doubted(xyz, faces=FACES, rig=RIG):
-    return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig), rig)
+    return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig))
 
 
 def test_a_mesh_in_metres_before_the_camera_is_not_doubted():

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tspslam import Frame
 from tspslam.errors import InputError, OutputError
-from tspslam.io import StoredFrame, read_frame, read_mesh, write_frame
+from tspslam.io import read_frame, read_mesh, write_frame
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Rig, Signals, Surface
 
@@ -39,7 +40,7 @@ def frame(channels=(), covariance=True, n=5, faces=FACES, edges=((3, 4),)):
         face_ok=rng.random(n_faces) < 0.5,
     )
     z = rng.normal(size=(n, *channels)) + 1j * rng.normal(size=(n, *channels))
-    return StoredFrame(
+    return Frame(
         index=12,
         stamp=0.1,
         name="Straße 12",
@@ -193,7 +194,8 @@ def test_a_place_below_a_file_is_an_output_error(tmp_path):
 @pytest.mark.parametrize(
     ("part", "data", "said"),
     [
-        ("version", npy(np.int64(2)), "format version 2"),
+        ("version", npy(np.int64(1)), "format version 1 of a former tspslam, and the run is to be made anew"),
+        ("version", npy(np.int64(3)), "format version 3; expected a frame of format version 2"),
         ("version", npy(np.array([1])), "format version"),
         ("magic", npy(np.zeros(13, np.uint8)), "mark of a frame"),
         ("magic", None, "no array magic"),

@@ -34,9 +34,9 @@ LENGTH = 16.0  # m, two frames each: over the 25 frames between checkpoints
 SERVER = textwrap.dedent("""
     import os, sys
     from pathlib import Path
-    from tspslam.config import resolve
+    from tspslam.run.config import resolve
     from tspslam.datasets import open_sequence
-    from tspslam.pipeline import run
+    from tspslam.run.pipeline import run
     import cv2, matplotlib.figure, tspslam.view.report, tspslam.view.pictures, tspslam.view.paths
     cv2.setNumThreads(1)
     tspslam.view._style.DPI = float(os.environ["DPI"])
