@@ -50,6 +50,10 @@ def frame(channels=(), covariance=True, n=5, faces=FACES, edges=((3, 4),)):
         complex_=complex_,
         signals=signals,
         response=Response(z, 2, rng.random(n) < 0.5),
+        T_world_camera=np.array([[0.0, 0, 1, 2], [1, 0, 0, -3], [0, 1, 0, 5.5], [0, 0, 0, 1]]),
+        landmark=rng.integers(-1, 1 << 40, n) if covariance else None,
+        is_keyframe=True,
+        is_lost=covariance,
     )
 
 
@@ -176,6 +180,12 @@ def changed(part, **fields):
         (changed("complex_", edges=frame().complex_.edges[:, ::-1]), "ascend"),
         (changed("complex_", edges=frame().complex_.edges[::-1]), "lexicographic"),
         (dataclasses.replace(frame(), stamp=np.nan), "stamp"),
+        (dataclasses.replace(frame(), landmark=np.arange(4)), "landmark has shape"),
+        (dataclasses.replace(frame(), landmark=np.arange(5) - 2), "landmark holds -2, where -1 is the least"),
+        (dataclasses.replace(frame(), landmark=np.full(5, 1 << 63, np.uint64)), "landmark"),
+        (dataclasses.replace(frame(), T_world_camera=2 * np.eye(4)), "T_world_camera holds no rigid motion"),
+        (dataclasses.replace(frame(), T_world_camera=np.diag([1.0, 1, -1, 1])), "no rigid motion"),
+        (dataclasses.replace(frame(), T_world_camera=np.diag([1.0, 1, 1, 2])), "no rigid motion"),
     ],
 )
 def test_an_inconsistent_frame_is_not_written(tmp_path, bad, said):
@@ -200,6 +210,9 @@ def test_a_place_below_a_file_is_an_output_error(tmp_path):
         ("magic", npy(np.zeros(13, np.uint8)), "mark of a frame"),
         ("magic", None, "no array magic"),
         ("cloud_uv", None, "no array cloud_uv"),
+        ("T_world_camera", None, "no array T_world_camera"),
+        ("is_keyframe", None, "no array is_keyframe"),
+        ("landmark", npy(np.zeros(5)), "array landmark has type <f8"),
         ("surprise", npy(np.zeros(3)), "unknown array"),
         ("cloud_xyz", b"nothing", "no header of ours"),
         ("cloud_xyz", npy(np.array([None]), allow_pickle=True), "no header of ours"),

@@ -137,7 +137,7 @@ def _rig(path: Path, camera: str, image: Image) -> Rig:
         words = line[1].split()
         if not words or words[0] != camera:
             continue
-        width, height, *rest = _numbers(path, line, words[2:], 3)
+        width, height, *rest = _numbers(path, line, words[2:], 3).tolist()
         if np.shape(image)[:2] != (height, width):
             wanted = f"the camera's {height:g} x {width:g}"
             raise InputError(f"image has shape {np.shape(image)}, expected {wanted} of {path}")
