@@ -213,7 +213,7 @@ def test_a_folder_in_which_nothing_can_be_used_is_bad_input(capsys, sequence):
 INTERRUPTED = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests run in the background
-from tspslam import sequence
+from tspslam.run import sequence
 from tspslam.__main__ import main
 process = sequence.SequenceRun._process
 def interrupted(self, index, pair):

@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from tspslam import Frame, Settings, load_run
+from tspslam import Frame, InputError, Settings, load_run
 from tspslam.datasets import open_sequence
 from tspslam.io import RunFolder
 from tspslam.run import sequence as sequence_run
@@ -96,3 +96,14 @@ def test_some_frames_of_a_path_are_run_and_progress_is_told(walk, tmp_path):
     assert [frame.index for frame in seen] == [1, 2]
     with RunFolder.create(tmp_path / "run", resolve().nested | {"source": {"name": "walk", "frames": [1, 3, 1]}}):
         pass  # the settings are the defaults
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ({"on_frame": "print"}, "on_frame is 'print', expected a callable, such as print"),
+    ({"settings": CHOSEN}, r"settings is Resolved, expected a Settings: tspslam.Settings\(detector=...\)"),
+    ({"settings": "detector.count=800"}, "settings is the path 'detector.count=800'"),
+])  # fmt: skip
+def test_what_cannot_be_called_or_is_no_setting_is_named_before_anything_is_made(walk, tmp_path, given, said):
+    with pytest.raises(InputError, match=said):
+        run_path(walk, tmp_path / "run", **given)
+    assert not (tmp_path / "run").exists()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from .._checks import require, require_stage
 from .._files import PathLike
 from ..datasets import open_sequence
 from ..errors import InputError
@@ -100,6 +101,8 @@ def run(
     OutputError
         If something cannot be written.
     """
+    if on_frame is not None:
+        require_stage(on_frame, "on_frame", "print")
     started = time.perf_counter()
     wanted = frames if frames is not None else range(len(source))
     if not wanted:
@@ -145,7 +148,9 @@ def run_path(
     OutputError
         If something cannot be written.
     """
-    resolved = Resolved(settings or Settings(), {})
+    stages = Settings() if settings is None else settings
+    require(stages, Settings, "settings")
+    resolved = Resolved(stages, {})
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
 
 
