@@ -12,7 +12,7 @@ from tspslam.io import RunFolder
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
-from tspslam.run.summary import offset_doubts, run_record
+from tspslam.run.summary import offset_doubts, summarize_run
 from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
@@ -121,7 +121,7 @@ def test_a_run_is_made_with_an_odometry_of_another_kind(walk, tmp_path):
         sequence = SequenceRun(source, range(3), session, folder)
         list(sequence.proceed())
         session.close()
-        record = run_record("walk", sequence.rows, session, settings_hash=folder.config_hash)
+        record = summarize_run("walk", sequence.rows, session, settings_hash=folder.config_hash)
     assert (record["status"], record["keyframes"], record["landmarks"]) == ("complete", 2, 0)
     assert [row.index for row in sequence.stored] == [0, 2]
 

@@ -8,7 +8,7 @@ import pytest
 
 from tspslam import InputError
 from tspslam.run._checkpoint import pack, unpack
-from tspslam.run.record import ComplexRecord, FrameRecord, SkippedPair, plain_row
+from tspslam.run.record import ComplexRecord, FrameRecord, SkippedPair, flatten_row
 from tspslam.vision.slam._state import SCHEMA
 
 COMPLEX = ComplexRecord(3, 4, 5, 2, 1, (0, 2), "image Delaunay", 9, 8, 4, 1, 0.25, 0.5)
@@ -40,10 +40,10 @@ def test_a_row_is_frozen():
 
 
 def test_a_plain_row_says_nothing_of_what_is_usual():
-    assert list(plain_row(ROWS[3])) == [
+    assert list(flatten_row(ROWS[3])) == [
         "index", "input_hash", "name", "stamp", "is_keyframe", "is_lost", "landmarks_seen",
     ]  # fmt: skip
-    assert json.loads(json.dumps(plain_row(TRACKED)))["pinched_vertices"] == [0, 2]
+    assert json.loads(json.dumps(flatten_row(TRACKED)))["pinched_vertices"] == [0, 2]
 
 
 CHANGES = {
@@ -62,6 +62,6 @@ CHANGES = {
 
 @pytest.mark.parametrize("what", CHANGES)
 def test_a_row_that_no_record_gives_is_refused(what, monkeypatch):
-    monkeypatch.setattr("tspslam.run._checkpoint.plain_row", lambda row: plain_row(row) | CHANGES[what])
+    monkeypatch.setattr("tspslam.run._checkpoint.flatten_row", lambda row: flatten_row(row) | CHANGES[what])
     with pytest.raises(InputError, match=r"^row 0 is none of a frame$"):
         unpack(packed(ROWS[3:]), b"me")

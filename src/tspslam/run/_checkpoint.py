@@ -18,7 +18,7 @@ from .._npz import Arrays, Schema, read_npz
 from .._text import parse_json
 from ..errors import InputError
 from ..vision.slam._state import SCHEMA
-from .record import ComplexRecord, FrameRecord, Row, SkippedPair, plain_row
+from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row
 
 _SCHEMA: Schema = {"made_by": ("|u1", ("b",)), "rows": ("|u1", ("r",))} | SCHEMA
 _LARGEST_COUNT = 1 << 40
@@ -42,7 +42,7 @@ def pack(made_by: bytes, rows: Sequence[Row], state: Arrays) -> bytes:
     -------
     bytes
     """
-    text = json.dumps([plain_row(row) for row in rows], allow_nan=False).encode()
+    text = json.dumps([flatten_row(row) for row in rows], allow_nan=False).encode()
     heads = {name: np.frombuffer(data, np.uint8) for name, data in (("made_by", made_by), ("rows", text))}
     buffer = io.BytesIO()
     arrays = {name: np.ascontiguousarray(values).reshape(np.shape(values)) for name, values in state.items()}
@@ -98,7 +98,7 @@ def _rows(data: bytes) -> list[Row]:
 
 
 def _row(number: int, values: Any) -> Row:
-    """The record that a plain row was made from, as `plain_row` has it."""
+    """The record that a plain row was made from, as `flatten_row` has it."""
     try:
         if not isinstance(values, dict):
             raise TypeError

@@ -12,7 +12,7 @@ from ..topology.complex import build_complex
 from ..types import Cloud, FloatArray, Response, Signals, Surface
 
 
-def merged(frames: Iterable[Frame], T_world_camera: FloatArray) -> Frame:
+def merge_frames(frames: Iterable[Frame], T_world_camera: FloatArray) -> Frame:
     """One frame of all the vertices, edges and faces of several: a disjoint union, in the world's axes.
 
     Parameters

@@ -22,7 +22,7 @@ from ..topology.harmonic import Tmahf
 from ..types import FloatArray
 from ..vision.calibration.formats import read_rectified
 from ..vision.rig import doubts
-from .pipeline import RunResult, finish
+from .pipeline import RunResult, write_results
 from .record import array_hash, hash_of, machine, versions
 from .summary import no_response, pixel_warnings
 
@@ -84,7 +84,7 @@ def filter_mesh(
         path = folder.frame_path(0)
         write_frame(path, frame)
         record = _filter_record(frame, used)
-        finish(folder, [path], frame, record, folder.config_hash)
+        write_results(folder, [path], frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)

@@ -19,9 +19,9 @@ from ..session import Session, Settings
 from ..types import FloatArray, Rig, StereoPair
 from .config import Resolved
 from .record import hash_of, machine
-from .sequence import STATE_NAME, OnFrame, SequenceRun, merged_map
+from .sequence import STATE_NAME, OnFrame, SequenceRun, merge_stored_frames
 from .sequence import Source as Source
-from .summary import run_record
+from .summary import summarize_run
 
 Progress = Callable[[int, int, str], None]
 
@@ -112,7 +112,7 @@ def run(
     with RunFolder.create(out, settings) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings), folder)
         try:
-            record = _travel(sequence, progress, on_frame)
+            record = _process_all(sequence, progress, on_frame)
         finally:
             sequence.session.close()
         total = time.perf_counter() - started
@@ -154,7 +154,7 @@ def run_path(
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
 
 
-def _travel(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None) -> dict[str, Any]:
+def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
     total = len(sequence.wanted)
     for done, index in sequence.proceed(on_frame):
@@ -165,15 +165,15 @@ def _travel(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame 
             raise sequence.last_error
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
     sequence.session.finish()
-    record = run_record(
+    record = summarize_run(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    _write_results(sequence, record)
+    _write_all(sequence, record)
     return record
 
 
-def _write_results(sequence: SequenceRun, record: dict[str, Any]) -> None:
+def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> None:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder, trajectory = sequence.folder, sequence.trajectory
     places = [folder.frame_path(row.index) for row in sequence.stored]
@@ -182,8 +182,8 @@ def _write_results(sequence: SequenceRun, record: dict[str, Any]) -> None:
     if not _is_finished(folder, key):
         image = sequence.source[sequence.stored[0].index].left
         paths = folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
-        shown, whole = replace(read_frame(places[0]), image=image), merged_map(sequence)
-        finish(folder, paths, shown, record, key, whole=whole, poses=trajectory.T_world_camera)
+        shown, whole = replace(read_frame(places[0]), image=image), merge_stored_frames(sequence)
+        write_results(folder, paths, shown, record, key, whole=whole, poses=trajectory.T_world_camera)
     results = [name for name, unit in folder.units.items() if unit.input == key]
     folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
 
@@ -193,7 +193,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
     return "report.html" in names and all(folder.is_done(folder.path / name, input_hash=key) for name in names)
 
 
-def finish(
+def write_results(
     folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
     *, whole: Frame | None = None, poses: FloatArray | None = None,
 ) -> None:  # fmt: skip

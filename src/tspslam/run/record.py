@@ -172,7 +172,7 @@ def record_complex(frame: Frame) -> ComplexRecord:
     )
 
 
-def plain_row(row: Row) -> dict[str, Any]:
+def flatten_row(row: Row) -> dict[str, Any]:
     """A row as one plain mapping, fit for JSON, without what is usual of it.
 
     Parameters
@@ -186,7 +186,7 @@ def plain_row(row: Row) -> dict[str, Any]:
 
     Examples
     --------
-    >>> plain_row(FrameRecord(3, "", "third", 0.1, False, False, 80))["landmarks_seen"]
+    >>> flatten_row(FrameRecord(3, "", "third", 0.1, False, False, 80))["landmarks_seen"]
     80
     """
     values = {name: value for name, value in vars(row).items() if value is not None and value != ()}

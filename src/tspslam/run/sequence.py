@@ -24,15 +24,15 @@ from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ._checkpoint import pack, unpack
-from .map import merged
+from .map import merge_frames
 from .record import (
     ComplexRecord,
     FrameRecord,
     Row,
     SkippedPair,
+    flatten_row,
     hash_of,
     pair_hash,
-    plain_row,
     record_complex,
     record_frame,
 )
@@ -265,10 +265,10 @@ class SequenceRun:
 
 
 def _text(row: FrameRecord) -> bytes:
-    return (json.dumps(plain_row(row), indent=1, allow_nan=False) + "\n").encode()
+    return (json.dumps(flatten_row(row), indent=1, allow_nan=False) + "\n").encode()
 
 
-def merged_map(sequence: SequenceRun) -> Frame:
+def merge_stored_frames(sequence: SequenceRun) -> Frame:
     """Lay all stored frames into the world, as one complex.
 
     Parameters
@@ -284,7 +284,7 @@ def merged_map(sequence: SequenceRun) -> Frame:
     path = sequence.session.trajectory.T_world_camera
     placed = [(row, T) for row, T in zip(sequence.tracked, path, strict=True) if row.complex_ is not None]
     frames = (read_frame(sequence.folder.frame_path(row.index)) for row, _ in placed)
-    return merged(frames, np.array([T for _, T in placed]))
+    return merge_frames(frames, np.array([T for _, T in placed]))
 
 
 def _sizes(complex_: Complex) -> tuple[int, int, int]:

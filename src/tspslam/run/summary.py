@@ -10,7 +10,7 @@ import numpy as np
 from ..session import Odometry, Session
 from ..types import Rig
 from ..vision.rig import doubts
-from .record import ComplexRecord, FrameRecord, Row, SkippedPair, hash_of, plain_row, versions
+from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
 
 _LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
 _FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
@@ -25,7 +25,7 @@ _FEW = 0.08
 _AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
 
-def run_record(
+def summarize_run(
     source: str, rows: Sequence[Row], session: Session, *, settings_hash: str, unpaired: Sequence[str] = ()
 ) -> dict[str, Any]:
     """What ``run.json`` holds; nothing in it varies when the run is repeated.
@@ -93,7 +93,7 @@ def _calibration(stored: list[ComplexRecord], odometry: Odometry | None) -> dict
 
 def _row(row: FrameRecord) -> dict[str, Any]:
     """A row of ``per_frame``."""
-    plain = {name: value for name, value in plain_row(row).items() if name not in ("input_hash", "bits", "unknown")}
+    plain = {name: value for name, value in flatten_row(row).items() if name not in ("input_hash", "bits", "unknown")}
     return plain | ({"pinched_vertices": len(row.complex_.pinched_vertices)} if row.complex_ else {})
 
 
