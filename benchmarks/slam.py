@@ -89,8 +89,8 @@ def ours(source: Held) -> tuple[Trajectory, float, dict[str, object]]:
             sequence.session.finish()
             seconds = (time.perf_counter() - started) / len(source)
     offset, std = sequence.session.odometry.disparity_offset
-    lost = sum(row["is_lost"] for row in sequence.tracked)
-    keyframes = sum(row["is_keyframe"] for row in sequence.tracked)
+    lost = sum(row.is_lost for row in sequence.tracked)
+    keyframes = sum(row.is_keyframe for row in sequence.tracked)
     return sequence.trajectory, seconds, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
 
 

@@ -43,7 +43,7 @@ def ramp_errors(frame, centering: str, directions: int) -> tuple[np.ndarray, np.
 
 
 def measure(frame, centering: str, directions: int) -> dict[str, float]:
-    image = luminance(frame.pair.left)
+    image = luminance(frame.image)
     real, flat = respond(frame, image, centering), respond(frame, np.full_like(image, 0.5), centering)
     gradient, sigma = reference_gradient(image, frame.cloud.uv, frame.complex_)
     slope = np.abs(gradient) * (1 if centering == "plane" else sigma)

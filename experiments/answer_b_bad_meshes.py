@@ -27,7 +27,7 @@ FILTERS = ("T-MAHF none", "T-MAHF harmonic", "MAHF conformal", "MAHF robust", "M
 
 def responses(frame, faces: np.ndarray, uv: np.ndarray) -> dict[str, tspslam.Response | None]:
     complex_ = tspslam.build_complex(faces, len(uv))
-    signals = tspslam.sample_signals(frame.pair.left, uv, complex_)
+    signals = tspslam.sample_signals(frame.image, uv, complex_)
     xyz, found = back_project(frame.rig, uv, frame.cloud.disparity), {}
     for name in FILTERS:
         kind, choice = name.split()

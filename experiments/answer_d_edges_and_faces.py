@@ -35,11 +35,11 @@ def noisy(image: np.ndarray, decibels: float, rng: np.random.Generator) -> np.nd
     return image + rng.normal(0, image.std() * 10 ** (-decibels / 20), image.shape)
 
 
-def measure(frame, decibels: float, seed: int, width: float = 0.5) -> dict[str, tuple[float, float, float]]:
+def measure(frame, pair, decibels: float, seed: int, width: float = 0.5) -> dict[str, tuple[float, float, float]]:
     """Of each choice: phase error, repeatability, and that of the strongest fifth; degrees."""
     uv, rng = frame.cloud.uv, np.random.default_rng((seed, 5))
     there = uv - np.column_stack([frame.cloud.disparity, np.zeros(len(uv))])
-    images = [luminance(image) for image in (frame.pair.left, frame.pair.right)]
+    images = [luminance(image) for image in (pair.left, pair.right)]
     gradient, _ = reference_gradient(images[0], uv, frame.complex_, width)
     left, right = (
         respond(noisy(image, decibels, rng), at, frame.complex_) for image, at in zip(images, (uv, there), strict=True)
@@ -54,10 +54,10 @@ def measure(frame, decibels: float, seed: int, width: float = 0.5) -> dict[str, 
 
 
 def run(source: Source) -> Result:
-    frame, seeds = source.frames(1)[0], SEEDS[:2] if source.small else SEEDS
+    frame, pair, seeds = source.frames(1)[0], source.pairs(1)[0], SEEDS[:2] if source.small else SEEDS
     rows = []
     for decibels in DECIBELS:
-        found = [measure(frame, decibels, seed) for seed in seeds]
+        found = [measure(frame, pair, decibels, seed) for seed in seeds]
         for name in LEVELS:
             for k, what in enumerate(MEASURES):
                 rows.append((decibels, name, what, *median_and_range([one[name][k] for one in found])))
@@ -70,6 +70,6 @@ def run(source: Source) -> Result:
     said = {0: "0 dB", 10: "10 dB", np.inf: "no noise"}
     numbers = {f"{said[row[0]]}, {row[1]}: {row[2]}, degrees": row[3] for row in rows if row[0] in said}
     for width, what in ((0.25, "half"), (1, "twice")):
-        found = measure(frame, np.inf, 0, width)
+        found = measure(frame, pair, np.inf, 0, width)
         numbers |= {f"no noise, {what} of σ, {name}: phase error, degrees": found[name][0] for name in LEVELS}
     return Result(figure, columns(("snr_db", "levels", "measure", "median_deg", "low_deg", "high_deg"), rows), numbers)

@@ -39,17 +39,23 @@ class Source:
         """What the results are of."""
         return self.data.resolve().name if self.data else "small scenes" if self.small else "Motorcycle, synthetic"
 
-    def frames(self, count: int) -> list[tspslam.session.Frame]:
+    def frames(self, count: int) -> list[tspslam.Frame]:
         """`count` frames, evenly over the data; InputError where there are fewer."""
+        return [self._frame(place) for place in self._places(count)]
+
+    def pairs(self, count: int) -> list[tspslam.StereoPair]:
+        """The images of these frames."""
+        return [self._pairs[place] for place in self._places(count)]
+
+    def _places(self, count: int) -> list[int]:
         n = len(self._pairs)
         if n < count:
             raise tspslam.InputError(f"{self.data}: has {n} pairs, the figure needs {count}")
-        spread = np.arange(count) * n // count if self.data else range(count)
-        return [self._frame(int(place)) for place in spread]
+        return (np.arange(count) * n // count).tolist() if self.data else list(range(count))
 
-    def true_disparity(self, frame: tspslam.session.Frame) -> np.ndarray | None:
+    def true_disparity(self, frame: tspslam.Frame) -> np.ndarray | None:
         """(H, W) measured or rendered disparities of a frame's left image, px; None for a data folder."""
-        return None if self.data else self._pairs.truth(frame.pair.name)
+        return None if self.data else self._pairs.truth(frame.name)
 
     @property
     def _pairs(self) -> Sequence:

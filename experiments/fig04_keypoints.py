@@ -18,9 +18,9 @@ def run(source: Source) -> Result:
     figure, axes = panels(1, 2, 4.4)
     table, numbers = {key: [] for key in ("frame", "u_px", "v_px", "z_m")}, {}
     for ax, frame in zip(axes[0], source.frames(2), strict=True):
-        uv, z, name = frame.cloud.uv, frame.cloud.xyz[:, 2], frame.pair.name
+        uv, z, name = frame.cloud.uv, frame.cloud.xyz[:, 2], frame.name
         kind = np.digitize(z, LIMITS) - 1
-        over_image(ax, frame.pair.left, f"{name}: {len(z)} keypoints")
+        over_image(ax, frame.image, f"{name}: {len(z)} keypoints")
         for k, (what, colour) in enumerate(zip(NAMES, (WONG[0], WONG[2], WONG[1], WONG[5]), strict=True)):
             ax.scatter(*uv[kind == k].T, s=9, color=colour, label=f"{what}: {(kind == k).sum()}")
         ax.legend(loc="lower right", fontsize=8, markerscale=1.5)

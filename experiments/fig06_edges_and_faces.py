@@ -16,13 +16,13 @@ TITLE = "Figure 6: signals of edges and faces"
 
 def run(source: Source) -> Result:
     frame = source.frames(1)[0]
-    signals, image = frame.signals, luminance(frame.pair.left)
+    signals, image = frame.signals, luminance(frame.image)
     figure, axes = panels(1, 2, 4.2)
     numbers, table = {}, {"level": [], "u_px": [], "v_px": [], "signal": [], "pixels": []}
     for ax, level, marker in zip(axes[0], ("edge", "face"), ("s", "o"), strict=True):
         ok = getattr(signals, f"{level}_ok")
         at, values = getattr(signals, f"{level}_uv")[ok], getattr(signals, level)[ok]
-        over_image(ax, frame.pair.left, f"{len(values)} {level}s")
+        over_image(ax, frame.image, f"{len(values)} {level}s")
         dots = ax.scatter(
             *at.T, c=values, marker=marker, s=26, cmap="gray", vmin=0, vmax=1, edgecolors="#e69f00", lw=0.4
         )

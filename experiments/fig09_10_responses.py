@@ -23,15 +23,15 @@ def run(source: Source) -> Result:
     figure, axes = panels(3, 2, 11)
     numbers, table = {}, {key: [] for key in ("frame", "u_px", "v_px", "magnitude", "phase_rad")}
     for column, frame in zip(axes.T, frames, strict=True):
-        uv, name = frame.cloud.uv, frame.pair.name
+        uv, name = frame.cloud.uv, frame.name
         response, centred = (
             tspslam.tmahf(frame.complex_, uv, frame.signals, centering=c) for c in ("none", "harmonic")
         )
         for ax, title in zip(column, (f"{name}: magnitude", "phase", "inset"), strict=True):
-            over_image(ax, frame.pair.left, title)
+            over_image(ax, frame.image, title)
         show_response(figure, column, uv, response)
         inset(column[2], uv, response, centred, 0.09 * frame.rig.width)
-        gradient, _ = reference_gradient(luminance(frame.pair.left), uv, frame.complex_)
+        gradient, _ = reference_gradient(luminance(frame.image), uv, frame.complex_)
         for what, one in (("published", response), ("harmonic", centred)):
             error, top = degrees_between(one.z, gradient), strongest(one.magnitude, one.defined)
             numbers[f"{name}, {what}: phase off the image's gradient, degrees, all"] = np.median(error[one.defined])

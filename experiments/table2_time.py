@@ -37,7 +37,7 @@ def seconds(work, rounds: int) -> float:
 
 def measure(frame, rounds: int) -> dict[str, float]:
     """Milliseconds a point of each task on one frame."""
-    faces, uv, image, xyz = frame.surface.faces, frame.cloud.uv, frame.pair.left, frame.cloud.xyz
+    faces, uv, image, xyz = frame.surface.faces, frame.cloud.uv, frame.image, frame.cloud.xyz
     complex_, n = frame.complex_, len(frame.cloud)
     bare = tspslam.build_complex(np.empty((0, 3), np.int32), n, edges=complex_.edges)
     dots = tspslam.build_complex(np.empty((0, 3), np.int32), n)
@@ -61,7 +61,7 @@ def run(source: Source) -> Result:
     rows = [measure(frame, 3 if source.small else 15) for frame in frames]
     mean = {key: float(np.mean([row[key] for row in rows])) for key in KEYS}
     figure, axes = panels(height=4.0)
-    names = [f"{frame.pair.name}, N = {len(frame.cloud)}" for frame in frames]
+    names = [f"{frame.name}, N = {len(frame.cloud)}" for frame in frames]
     bars(axes[0, 0], KEYS, {name: row.values() for name, row in zip(names, rows, strict=True)})
     known = [(place + 0.3, PAPER[key]) for place, key in enumerate(KEYS) if key in PAPER]
     axes[0, 0].plot(*zip(*known, strict=True), "k_", ms=18, mew=2, label="paper, mean")

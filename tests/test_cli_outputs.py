@@ -11,8 +11,8 @@ import pytest
 
 from tests.datasets import standard
 from tests.test_cli import complain, content, type_in
-from tspslam import InputError, Rig
-from tspslam.io import RunFolder, StoredFrame, read_vtu, write_frame, write_ply, write_tum
+from tspslam import Frame, InputError, Rig
+from tspslam.io import RunFolder, read_vtu, write_frame, write_ply, write_tum
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Signals, Surface
 from tspslam.view import write_path_picture
@@ -37,7 +37,7 @@ def frame():
     signals = Signals(three, three, np.zeros(1), np.zeros((3, 2)), np.zeros((1, 2)), np.zeros(3, int), np.zeros(1, int),
                       yes, yes, yes[:1])  # fmt: skip
     cloud, response = Cloud(np.eye(3), np.zeros((3, 2)), three), Response(three.astype(complex), 1, yes)
-    return StoredFrame(0, 0.0, "first", RIG, cloud, Surface(complex_.faces), complex_, signals, response)
+    return Frame(0, 0.0, "first", RIG, cloud, Surface(complex_.faces), complex_, signals, response)
 
 
 @pytest.fixture

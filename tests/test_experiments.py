@@ -244,7 +244,7 @@ def test_a_figure_without_its_data_is_skipped_by_name_and_the_others_run(tmp_pat
 
 def test_a_folder_is_used_and_too_few_pairs_or_a_bad_file_are_named(sequence, tmp_path, capsys):
     source = Source(sequence)
-    assert [frame.pair.name for frame in source.frames(3)] == ["000", "001", "002"]
+    assert [frame.name for frame in source.frames(3)] == ["000", "001", "002"]
     with pytest.raises(tspslam.InputError, match="has 3 pairs, the figure needs 4"):
         source.frames(4)
     (sequence / "right" / "000.png").write_bytes(b"no image")

@@ -180,10 +180,10 @@ def test_lists_and_tables_are_arrays():
     (lambda: tspslam.io.read_image(GREY), "path is uint8 of shape (10, 20), expected the path"),
     (lambda: tspslam.io.read_trajectory(XYZ), "path is float64 of shape (4, 3), expected the path"),
     (lambda: tspslam.load_run(RIG), "path is Rig, expected the path"),
-    (lambda: tspslam.io.write_frame("x.npz", CLOUD), "frame is Cloud without cloud, expected Session.process(pair)"),
+    (lambda: tspslam.io.write_frame("x.npz", CLOUD), "frame is Cloud, expected a Frame: Session.process(pair) gives one"),
     (lambda: tspslam.io.write_ply("x.ply", CLOUD, SQUARE.faces), "xyz is Cloud (give its .xyz)"),
     (lambda: tspslam.io.write_vtu("x.vtu", SURFACE, XYZ), "complex_ is Surface, expected a Complex"),
-    (lambda: tspslam.view.write_pictures(CLOUD, "pictures"), "frame is Cloud without cloud"),
+    (lambda: tspslam.view.write_pictures(CLOUD, "pictures"), "frame is Cloud, expected a Frame"),
     (lambda: tspslam.interop.to_toponetx(SURFACE), "complex_ is Surface, expected a Complex"),
 ])  # fmt: skip
 def test_one_thing_for_another_is_said_with_the_way_on(call, said):

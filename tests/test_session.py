@@ -2,14 +2,18 @@
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
+from tspslam.io import RunFolder
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
-from tspslam.run.record import offset_doubts
+from tspslam.run.sequence import SequenceRun
+from tspslam.run.summary import offset_doubts, summarize_run
+from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
 
@@ -60,6 +64,76 @@ def test_a_failing_stage_is_tried_once_and_its_error_raised_at_each_ask(walk, er
                 _ = frames[0].response
     assert len(calls) == 1
     assert len(frames[0].cloud) > 100
+
+
+class Given:
+    """An odometry of another kind: poses that something else has measured; every other frame is a keyframe."""
+
+    disparity_offset, loops, unsolved = (0.0, 0.1), 0, 0
+    map = SimpleNamespace(xyz=np.empty((0, 3)))
+
+    def __init__(self, poses):
+        self.poses, self.stamps, self.is_open = poses, [], True
+
+    @property
+    def trajectory(self):
+        return Trajectory(np.array(self.stamps), self.poses[: len(self.stamps)])
+
+    def process(self, pair):
+        self.stamps.append(pair.stamp)
+        k = len(self.stamps) - 1
+        return Tracked(self.poses[k], np.zeros((6, 6)), 0, k % 2 == 0, False, None, {"wheels": 0.25})
+
+    def finish(self):
+        self.poses = self.poses.copy()
+
+    def close(self):
+        self.is_open = False
+
+    def state(self):
+        return {"stamps": np.array(self.stamps)}
+
+    def restore(self, state, image_of):
+        self.stamps = state["stamps"].tolist()
+
+
+def test_a_session_takes_an_odometry_of_another_kind(walk):
+    pairs, truth = walk
+    given = Given(truth.T_world_camera)
+    with Session(RIG, STAGES, odometry=given) as session:
+        frames = [session.process(pair) for pair in pairs[:3]]
+        path = session.finish()
+    assert [frame.is_keyframe for frame in frames] == [True, False, True]
+    for frame, T in zip(frames, truth.T_world_camera, strict=False):
+        assert frame.T_world_camera is not truth.T_world_camera
+        np.testing.assert_array_equal(frame.T_world_camera, T)
+        assert len(frame.response) == len(frame.cloud) > 100
+        assert {"wheels", "points", "surface", "response"} <= frame.seconds.keys()
+    np.testing.assert_array_equal(path.T_world_camera, truth.T_world_camera[:3])
+    assert not given.is_open
+
+
+def test_a_run_is_made_with_an_odometry_of_another_kind(walk, tmp_path):
+    pairs, truth = walk
+    source = type("Source", (list,), {"name": "walk", "rig": RIG})(pairs[:3])
+    with RunFolder.create(tmp_path / "run", {}) as folder:
+        session = Session(RIG, STAGES, odometry=Given(truth.T_world_camera))
+        sequence = SequenceRun(source, range(3), session, folder)
+        list(sequence.proceed())
+        session.close()
+        record = summarize_run("walk", sequence.rows, session, settings_hash=folder.config_hash)
+    assert (record["status"], record["keyframes"], record["landmarks"]) == ("complete", 2, 0)
+    assert [row.index for row in sequence.stored] == [0, 2]
+
+
+@pytest.mark.parametrize(("odometry", "said"), [
+    ("wheels", "odometry is the text 'wheels' without close, expected an object with close, disparity_offset, finish, "),
+    (Given, "odometry is <class .*Given'>, expected an object with"),
+    (SimpleNamespace(process=len, trajectory=None), "odometry is SimpleNamespace without close"),
+])  # fmt: skip
+def test_what_is_no_odometry_is_named(odometry, said):
+    with pytest.raises(InputError, match=said):
+        Session(RIG, STAGES, odometry=odometry)
 
 
 def test_disparities_of_followed_points_are_searched_as_the_matcher_says():

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .errors import InputError as InputError
     from .errors import OutputError as OutputError
     from .errors import TspSlamError as TspSlamError
+    from .frame import Frame as Frame
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
     from .session import Session as Session
@@ -114,6 +115,7 @@ _HOMES = {
         "Trajectory",
     ),
     "datasets.folder": ("read_pair",),
+    "frame": ("Frame",),
     "io.runs": ("StoredRun", "load_run"),
     "vision.features.orb": ("OrbDetector",),
     "vision.features.sift_brisk": ("BriskDetector", "SiftDetector"),

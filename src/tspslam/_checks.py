@@ -20,6 +20,7 @@ _WAYS = {
     "Signals": "tspslam.sample_signals(image, uv, complex_) gives one",
     "Trajectory": "tspslam.io.read_trajectory(path) reads one",
     "Settings": "tspslam.Settings(detector=...)",
+    "Frame": "Session.process(pair) gives one, tspslam.io.read_frame(path) reads one",
 }
 """Where one gets each of our data classes from."""
 
@@ -53,15 +54,6 @@ def require_stage(value: Any, what: str, such: str) -> None:
     if not callable(value) or isinstance(value, type):
         given = repr(value) if isinstance(value, str | type) else told(value)
         raise InputError(f"{what} is {given:.80}, expected a callable, such as {such}")
-
-
-def require_frame(frame: Any) -> None:
-    """Refuse what has not the parts of a frame."""
-    lacking = [name for name in ("cloud", "surface", "complex_", "signals", "response") if not hasattr(frame, name)]
-    if lacking:
-        raise InputError(
-            f"frame is {told(frame)} without {lacking[0]}, expected Session.process(pair) or a StoredFrame"
-        )
 
 
 def refuse_path(value: Any, what: str, expected: str, reader: str) -> None:

@@ -3,165 +3,75 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cached_property, wraps
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, wait
+from functools import cached_property
 from threading import RLock
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from ._checks import require
+from numpy.typing import NDArray
+
+from ._checks import require, told
+from ._threads import Worker
 from .errors import InputError
+from .frame import Frame, Once
 from .settings import Settings as Settings
-from .topology.complex import Complex, build_complex
+from .topology.complex import build_complex
 from .topology.texture import sample_signals
-from .types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface, Trajectory
+from .types import FloatArray, Image, Rig, StereoPair, Trajectory
 from .vision.rig import require_baseline
 from .vision.slam.odometry import StereoOdometry
 from .vision.slam.tracking import Tracked
-from .vision.stereo.reconstruct import Stereo, StereoQuality, match_stereo
+from .vision.stereo.reconstruct import Stereo, match_stereo
 
 T = TypeVar("T")
 
 
-def _once(stage: Callable[[Frame], T]) -> Callable[[Frame], T]:
-    """Compute `stage` when it is first asked for, whichever thread asks; what it raised is raised at each ask."""
-
-    @wraps(stage)
-    def result(self: Frame) -> T:
-        name = stage.__name__
-        with self._lock:
-            if name in self._failed:
-                raise self._failed[name]
-            if name not in self._done:
-                self._done[name] = self._attempt(name, stage)
-            done: T = self._done[name]
-            return done
-
-    return result
-
-
-class Frame:
-    """All that one pair gave: where it was taken, and what is seen from there.
-
-    What is not yet there is computed when it is asked for; of keyframes all is, from the start, in a thread of its own.
-
-    Parameters
-    ----------
-    pair : StereoPair
-        The images and their rig.
-    tracked : Tracked
-        Where they were taken.
-    settings : Settings
-        The stages.
-
-    Attributes
-    ----------
-    pair, tracked, settings
-        As given.
-    seconds : dict
-        Time that each stage took, s; varies from run to run.
-    """
-
-    def __init__(self, pair: StereoPair, tracked: Tracked, settings: Settings) -> None:
-        self.pair, self.tracked, self.settings = pair, tracked, settings
-        self.seconds = dict(tracked.seconds)
-        self._done: dict[str, Any] = {}
-        self._failed: dict[str, Exception] = {}
-        self._lock = RLock()
+class Landmarks(Protocol):
+    """The map that an odometry tracks its camera in."""
 
     @property
-    def T_world_camera(self) -> FloatArray:
-        """Pose of the left camera as it was tracked, (4, 4); the world is the first frame's camera."""
-        return self.tracked.T_world_camera
+    def xyz(self) -> FloatArray:
+        """Positions in the world, (L, 3), m."""
+
+
+class Odometry(Protocol):
+    """What tells a session where each pair was taken; `tspslam.vision.slam.odometry` has the one of stereo images."""
 
     @property
-    def is_keyframe(self) -> bool:
-        """Whether the map rests on it."""
-        return self.tracked.is_keyframe
+    def trajectory(self) -> Trajectory:
+        """Poses of all frames so far, as all that was seen since has bettered them."""
 
     @property
-    @_once
-    def stereo(self) -> Stereo:
-        """What both images show: keypoints, points, quality."""
-        return self.tracked.stereo or self._timed(
-            "points", lambda: match_stereo(self.pair, self.settings.detector, self.settings.matcher)
-        )
+    def map(self) -> Landmarks:
+        """What the camera is tracked in."""
 
     @property
-    def cloud(self) -> Cloud:
-        """Points that both cameras see, in the left camera's frame."""
-        return self.stereo.cloud
+    def disparity_offset(self) -> tuple[float, float]:
+        """Measured less true disparity, px, and its standard deviation."""
 
     @property
-    def quality(self) -> StereoQuality:
-        """How well the two images matched."""
-        return self.stereo.quality
+    def loops(self) -> int:
+        """How often the map was corrected because a place was seen again."""
 
     @property
-    @_once
-    def surface(self) -> Surface:
-        """Triangles over the points."""
-        return self._timed("surface", lambda: self.settings.surface(self.cloud))
+    def unsolved(self) -> int:
+        """Adjustments of the map that had no solution."""
 
-    @property
-    @_once
-    def complex_(self) -> Complex:
-        """The simplicial complex of these."""
-        faces, n = self.surface.faces, len(self.cloud)
-        return self._timed("complex", lambda: build_complex(faces, n))
+    def process(self, pair: StereoPair) -> Tracked:
+        """Where the next pair was taken; `InputError` if it cannot be used."""
 
-    @property
-    @_once
-    def signals(self) -> Signals:
-        """Luminance on vertices, edges and faces."""
-        complex_ = self.complex_
-        return self._timed("signals", lambda: sample_signals(self.pair.left, self.cloud.uv, complex_))
+    def finish(self) -> None:
+        """Make the trajectory final."""
 
-    @property
-    @_once
-    def response(self) -> Response:
-        """The filter's answer at each vertex."""
-        complex_, signals = self.complex_, self.signals
-        return self._timed("response", lambda: self.settings.filter(complex_, self.cloud.uv, signals))
+    def close(self) -> None:
+        """Let go of threads; no further pair can be processed."""
 
-    def _attempt(self, name: str, stage: Callable[[Frame], T]) -> T:
-        """Run a stage, which may be the user's own, and remember what it raises."""
-        try:
-            return stage(self)
-        except Exception as error:
-            self._failed[name] = error
-            raise
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that the next frame depends on, as arrays."""
 
-    def _timed(self, name: str, stage: Callable[[], T]) -> T:
-        started = time.perf_counter()
-        result = stage()
-        self.seconds[name] = time.perf_counter() - started
-        return result
-
-    @property
-    def index(self) -> int:
-        """Place in its sequence."""
-        return self.pair.index
-
-    @property
-    def stamp(self) -> float:
-        """Time, s."""
-        return self.pair.stamp
-
-    @property
-    def name(self) -> str:
-        """What to call it."""
-        return self.pair.name
-
-    @property
-    def rig(self) -> Rig:
-        """The cameras."""
-        return self.pair.rig
-
-    @property
-    def image(self) -> Image:
-        """The left image."""
-        return self.pair.left
+    def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
+        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0."""
 
 
 class Session:
@@ -175,12 +85,15 @@ class Session:
         The cameras of all pairs.
     settings : Settings, optional
         Stages; the defaults serve.
+    odometry : session.Odometry, optional
+        What tells where each pair was taken, if not the two images: wheels, say. Its `state` is its own: runs go on
+        from checkpoints of the stereo odometry alone.
 
     Attributes
     ----------
     rig, settings
         As given.
-    odometry : Odometry
+    odometry : session.Odometry
         The map and the path so far.
 
     Examples
@@ -194,14 +107,13 @@ class Session:
     (True, 1)
     """
 
-    def __init__(self, rig: Rig, settings: Settings | None = None) -> None:
+    def __init__(self, rig: Rig, settings: Settings | None = None, *, odometry: Odometry | None = None) -> None:
         require_baseline(rig, "session")
         self.rig = rig
         self.settings = settings or Settings()
         require(self.settings, Settings, "settings")
-        stages = self.settings
-        self.odometry = StereoOdometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
-        self._worker = ThreadPoolExecutor(1)
+        self.odometry = _stereo_odometry(rig, self.settings) if odometry is None else _checked(odometry)
+        self._worker = Worker()
         self._busy: Future[Any] | None = None
         self._is_closed = False
         self._lock = RLock()
@@ -244,7 +156,7 @@ class Session:
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
-        frame = Frame(pair, self.odometry.process(pair), self.settings)
+        frame = _build_frame(pair, self.odometry.process(pair), self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
             self._wait()  # so that no more than one frame waits
             self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
@@ -267,7 +179,7 @@ class Session:
         """Let the worker threads go; no further pair can be processed. Leaving a ``with`` block does that."""
         with self._lock:
             self._is_closed = True
-            self._worker.shutdown()
+            self._worker.close()
             self.odometry.close()
 
     def __enter__(self) -> Session:
@@ -280,3 +192,50 @@ class Session:
         """Wait for the frame whose response is being computed, if any."""
         if self._busy:
             wait([self._busy])
+
+
+def _stereo_odometry(rig: Rig, stages: Settings) -> StereoOdometry:
+    return StereoOdometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
+
+
+def _checked(odometry: Odometry) -> Odometry:
+    """Refuse what lacks a part of an odometry, or is a class where an object of it goes."""
+    wanted = {name for name in vars(Odometry) if not name.startswith("_")}
+    lacking = sorted(wanted - set(dir(odometry)))  # which computes nothing
+    if lacking or isinstance(odometry, type):
+        found = repr(odometry)[:60] if isinstance(odometry, type) else f"{told(odometry)} without {lacking[0]}"
+        raise InputError(f"odometry is {found}, expected an object with {', '.join(sorted(wanted))}")
+    return odometry
+
+
+def _build_frame(pair: StereoPair, tracked: Tracked, stages: Settings) -> Frame:
+    """From the pose to points, surface, complex, signals, response: each computed when it is first asked for."""
+    seconds = dict(tracked.seconds)
+
+    def once(name: str, stage: Callable[[], T]) -> Once[T]:
+        return Once(lambda: _timed(stage, name, seconds))
+
+    def match() -> Stereo:
+        known = tracked.stereo
+        return match_stereo(pair, stages.detector, stages.matcher) if known is None else known
+
+    stereo = once("points", match)
+    surface = once("surface", lambda: stages.surface(stereo().cloud))
+    complex_ = once("complex", lambda: build_complex(surface().faces, len(stereo().cloud)))
+    signals = once("signals", lambda: sample_signals(pair.left, stereo().cloud.uv, complex_()))
+    response = once("response", lambda: stages.filter(complex_(), stereo().cloud.uv, signals()))
+    return Frame(
+        pair.index, pair.stamp, pair.name, pair.rig, lambda: stereo().cloud, surface, complex_, signals, response,
+        image=pair.left, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(stereo().cloud),
+        is_keyframe=tracked.is_keyframe, is_lost=tracked.is_lost, quality=lambda: stereo().quality, tracked=tracked,
+        seconds=seconds,
+    )  # fmt: skip
+
+
+def _timed(stage: Callable[[], T], name: str, seconds: dict[str, float]) -> T:
+    """Compute a stage and note its own time, less that of the stages that it asked for."""
+    started, before = time.perf_counter(), sum(seconds.values())
+    result = stage()
+    within = sum(seconds.values()) - before
+    seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - started - within
+    return result

@@ -63,7 +63,7 @@ def test_arrays_that_do_not_fit_are_named(changes, message):
 
 
 def doubted(xyz, faces=FACES, rig=RIG):
-    return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig), rig)
+    return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig))
 
 
 def test_a_mesh_in_metres_before_the_camera_is_not_doubted():
@@ -153,6 +153,19 @@ def test_points_seen_twice_or_behind_the_camera_are_left_out(tmp_path):
     np.testing.assert_allclose(got.cloud.uv, tiny().uv)
 
 
+@pytest.mark.parametrize(("camera", "cx", "cy"), [
+    ("PINHOLE 100 80 90 95 50.5 40.5", 50, 40), ("OPENCV 100 80 90 95 50.5 40.5 0.1 0 0 0", 50, 40),
+    ("SIMPLE_RADIAL 100 80 90 50.5 40.5 0.1", 50, 40),
+])  # fmt: skip
+def test_a_frame_of_a_model_knows_its_camera_its_pose_and_its_points(tmp_path, camera, cx, cy):
+    got = from_colmap(write_model(tmp_path, tiny(), cameras=f"7 {camera}\n"), "my image.png", IMAGE)
+    assert got.rig == Rig(90, 95 if "95" in camera else 90, cx, cy, 1.0, 100, 80)
+    assert (got.name, got.landmark.tolist()) == ("my image.png", [10, 11, 12])
+    R, t = got.T_world_camera[:3, :3], got.T_world_camera[:3, 3]
+    rows = [line.split() for line in (tmp_path / "points3D.txt").read_text().splitlines()]
+    np.testing.assert_allclose(got.cloud.xyz @ R.T + t, [[float(x) for x in row[1:4]] for row in rows], atol=1e-9)
+
+
 HEAD = "4 1 0 0 0 0 0 0 7 my image.png\n"
 
 
@@ -167,6 +180,8 @@ HEAD = "4 1 0 0 0 0 0 0 7 my image.png\n"
     ({"images": HEAD}, "observes 0 points"),
     ({"cameras": "8 PINHOLE 100 80 90\n"}, "has no camera 7"),
     ({"cameras": "7 PINHOLE 100\n"}, "line 1 has 1 numbers"),
+    ({"cameras": "7 PINHOLE 100 80 90 95 50\n"}, "line 1 has no principal point"),
+    ({"cameras": "7 PINHOLE 100 80 0 95 50 40\n"}, "line 1 is no camera .rig: fx is 0"),
     ({"cameras": "7 PINHOLE 100 90 90\n"}, r"image has shape \(80, 100\), expected the camera's 90 x 100"),
     ({"points": "10 1 2\n"}, "line 1 has 2 numbers"),
     ({"points": ""}, "points3D.txt: is empty"),

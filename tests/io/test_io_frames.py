@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tspslam import Frame
 from tspslam.errors import InputError, OutputError
-from tspslam.io import StoredFrame, read_frame, read_mesh, write_frame
+from tspslam.io import read_frame, read_mesh, write_frame
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Rig, Signals, Surface
 
@@ -39,7 +40,7 @@ def frame(channels=(), covariance=True, n=5, faces=FACES, edges=((3, 4),)):
         face_ok=rng.random(n_faces) < 0.5,
     )
     z = rng.normal(size=(n, *channels)) + 1j * rng.normal(size=(n, *channels))
-    return StoredFrame(
+    return Frame(
         index=12,
         stamp=0.1,
         name="Straße 12",
@@ -49,6 +50,10 @@ def frame(channels=(), covariance=True, n=5, faces=FACES, edges=((3, 4),)):
         complex_=complex_,
         signals=signals,
         response=Response(z, 2, rng.random(n) < 0.5),
+        T_world_camera=np.array([[0.0, 0, 1, 2], [1, 0, 0, -3], [0, 1, 0, 5.5], [0, 0, 0, 1]]),
+        landmark=rng.integers(-1, 1 << 40, n) if covariance else None,
+        is_keyframe=True,
+        is_lost=covariance,
     )
 
 
@@ -175,6 +180,12 @@ def changed(part, **fields):
         (changed("complex_", edges=frame().complex_.edges[:, ::-1]), "ascend"),
         (changed("complex_", edges=frame().complex_.edges[::-1]), "lexicographic"),
         (dataclasses.replace(frame(), stamp=np.nan), "stamp"),
+        (dataclasses.replace(frame(), landmark=np.arange(4)), "landmark has shape"),
+        (dataclasses.replace(frame(), landmark=np.arange(5) - 2), "landmark holds -2, where -1 is the least"),
+        (dataclasses.replace(frame(), landmark=np.full(5, 1 << 63, np.uint64)), "landmark"),
+        (dataclasses.replace(frame(), T_world_camera=2 * np.eye(4)), "T_world_camera holds no rigid motion"),
+        (dataclasses.replace(frame(), T_world_camera=np.diag([1.0, 1, -1, 1])), "no rigid motion"),
+        (dataclasses.replace(frame(), T_world_camera=np.diag([1.0, 1, 1, 2])), "no rigid motion"),
     ],
 )
 def test_an_inconsistent_frame_is_not_written(tmp_path, bad, said):
@@ -193,11 +204,15 @@ def test_a_place_below_a_file_is_an_output_error(tmp_path):
 @pytest.mark.parametrize(
     ("part", "data", "said"),
     [
-        ("version", npy(np.int64(2)), "format version 2"),
+        ("version", npy(np.int64(1)), "format version 1 of a former tspslam, and the run is to be made anew"),
+        ("version", npy(np.int64(3)), "format version 3; expected a frame of format version 2"),
         ("version", npy(np.array([1])), "format version"),
         ("magic", npy(np.zeros(13, np.uint8)), "mark of a frame"),
         ("magic", None, "no array magic"),
         ("cloud_uv", None, "no array cloud_uv"),
+        ("T_world_camera", None, "no array T_world_camera"),
+        ("is_keyframe", None, "no array is_keyframe"),
+        ("landmark", npy(np.zeros(5)), "array landmark has type <f8"),
         ("surprise", npy(np.zeros(3)), "unknown array"),
         ("cloud_xyz", b"nothing", "no header of ours"),
         ("cloud_xyz", npy(np.array([None]), allow_pickle=True), "no header of ours"),

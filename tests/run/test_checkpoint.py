@@ -181,6 +181,7 @@ ROWS = {
     "another offset": lambda rows: rows[0].update(vertical_offset_px=40.0),
     "a count that is none": lambda rows: rows[0].update(edges="many"),
     "nested values": lambda rows: rows[0].update(more={"a": {}}),
+    "a value more": lambda rows: rows[0].update(more=1),
     "another input": lambda rows: rows[1].update(input_hash="0" * 64),
     "no keyframe": lambda rows: rows[0].update(is_keyframe=False),
     "a frame skipped": lambda rows: rows[1].update(skipped="it says so"),

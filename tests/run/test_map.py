@@ -5,7 +5,7 @@ import pytest
 
 from tspslam import Session
 from tspslam.io import read_frame, write_frame
-from tspslam.run.map import merged
+from tspslam.run.map import merge_frames
 from tspslam.vision.se3 import inverse
 
 from ..sequences import corridor
@@ -24,7 +24,7 @@ def frames(tmp_path_factory):
 
 def test_the_union_is_made_of_its_parts(frames):
     parts, poses = frames
-    whole = merged(parts, poses)
+    whole = merge_frames(parts, poses)
     n, e = len(parts[0].cloud), len(parts[0].complex_.edges)
     assert whole.complex_.n == len(whole.cloud) == n + len(parts[1].cloud)
     assert whole.complex_.euler == sum(part.complex_.euler for part in parts)
@@ -36,7 +36,7 @@ def test_the_union_is_made_of_its_parts(frames):
 
 def test_points_lie_in_the_world_and_their_covariance_turns_along(frames):
     parts, poses = frames
-    whole, n = merged(parts, poses), len(parts[0].cloud)
+    whole, n = merge_frames(parts, poses), len(parts[0].cloud)
     back = inverse(poses[1])
     np.testing.assert_allclose(whole.cloud.xyz[n:] @ back[:3, :3].T + back[:3, 3], parts[1].cloud.xyz, atol=1e-9)
     volumes = [np.linalg.det(cloud.covariance) for cloud in (whole.cloud, parts[1].cloud)]
@@ -45,6 +45,6 @@ def test_points_lie_in_the_world_and_their_covariance_turns_along(frames):
 
 def test_one_frame_stays_what_it_is(frames):
     parts, _ = frames
-    whole = merged(parts[:1], np.eye(4)[None])
+    whole = merge_frames(parts[:1], np.eye(4)[None])
     assert np.array_equal(whole.cloud.xyz, parts[0].cloud.xyz)
     assert whole.complex_ is parts[0].complex_

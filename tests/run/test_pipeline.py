@@ -78,7 +78,7 @@ def test_what_a_keyframe_cannot_show_is_said_when_it_is_asked_for(error):
             _ = frame.response
     rest = [session.process(sequence[k]) for k in range(1, len(sequence))]
     assert any(one.is_keyframe for one in rest)
-    assert not any(one.tracked.is_lost for one in rest)
+    assert not any(one.is_lost for one in rest)
 
 
 def test_the_last_of_several_errors_is_told(tmp_path):

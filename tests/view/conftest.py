@@ -1,27 +1,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tspslam import Frame, Rig
 from tspslam.topology.complex import Complex, build_complex
 from tspslam.types import Cloud, Image, Response, Signals, Surface
 
 HEIGHT, WIDTH = 60, 90
-
-
-@dataclass(frozen=True)
-class Frame:
-    name: str
-    image: Image
-    cloud: Cloud
-    surface: Surface
-    complex_: Complex
-    signals: Signals
-    response: Response
 
 
 def make_frame(
@@ -52,7 +42,10 @@ def make_frame(
     complex_ = build_complex(faces, n, edges)
     image = np.add.outer(np.arange(HEIGHT), np.arange(WIDTH)).astype(np.uint8)
     return Frame(
+        index=0,
+        stamp=0.0,
         name=name,
+        rig=Rig(fx=80, fy=80, cx=45, cy=30, width=WIDTH, height=HEIGHT),
         image=image,
         cloud=Cloud(xyz, uv, 400 / np.maximum(z, 1e-9)),
         surface=Surface(faces),

@@ -1,7 +1,6 @@
 """Interop with other programs: their meshes and models in, complexes and signals in their terms out."""
 
 from .colmap import from_colmap as from_colmap
-from .meshes import Textured as Textured
 from .meshes import from_arrays as from_arrays
 from .meshes import from_file as from_file
 from .meshes import from_trimesh as from_trimesh
@@ -11,7 +10,6 @@ from .toponetx import from_toponetx as from_toponetx
 from .toponetx import to_toponetx as to_toponetx
 
 __all__ = [
-    "Textured",
     "from_arrays",
     "from_colmap",
     "from_file",

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import check_pixels, require
-from .._files import PathLike
+from .._files import PathLike, one_line
 from ..datasets.maps import read_levelled
 from ..errors import InputError
+from ..frame import Frame, Once
 from ..io import read_mesh
-from ..topology.complex import Complex, build_complex
+from ..topology.complex import build_complex
+from ..topology.harmonic import Tmahf
 from ..topology.texture import sample_signals
-from ..types import Cloud, FloatArray, Image, Rig, Signals, Surface, real_array
+from ..types import Cloud, FloatArray, Image, Rig, Surface, real_array
 from ..vision.calibration.formats import read_rectified
 from ..vision.visibility import visible_uv
 
@@ -24,29 +26,7 @@ _MIN_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths b
 _USUAL_BASELINE = 0.1  # m, of stereo cameras held in the hand: stands in for that of a single camera
 
 
-@dataclass(frozen=True)
-class Textured:
-    """A surface with the texture of an image on every level.
-
-    Attributes
-    ----------
-    cloud : Cloud
-        Vertices in the camera's frame and their projections; NaN where the camera does not see one.
-    surface : Surface
-        Triangles.
-    complex_ : Complex
-        The complex of the triangles.
-    signals : Signals
-        Luminance on vertices, edges and faces; what the camera does not see is marked.
-    """
-
-    cloud: Cloud
-    surface: Surface
-    complex_: Complex
-    signals: Signals
-
-
-def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Textured:
+def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig, *, name: str = "mesh") -> Frame:
     """Put the texture of an image on a mesh.
 
     Parameters
@@ -59,11 +39,14 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
         What the left camera saw: uint8, uint16, or float in [0, 1].
     rig : Rig
         The camera; a single one needs no baseline.
+    name : str
+        What the frame is called.
 
     Returns
     -------
-    Textured
-        Vertices behind faces have no signal.
+    Frame
+        Vertices behind faces have no signal; the response is that of the default filter, `tspslam.tmahf`. The world is
+        the camera.
 
     Raises
     ------
@@ -73,18 +56,15 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
     Examples
     --------
     >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
-    >>> textured = from_arrays([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], [[0, 1, 2]], np.full((30, 40), 0.5), camera)
-    >>> textured.signals.face.tolist()
+    >>> frame = from_arrays([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], [[0, 1, 2]], np.full((30, 40), 0.5), camera)
+    >>> frame.signals.face.tolist()
     [0.5]
     """
     require(rig, Rig, "rig")
     check_pixels("image", image)
-    points = np.ascontiguousarray(real_array(xyz, "xyz", "(N, 3)"), np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"xyz has shape {points.shape}, expected (N, 3)")
     if np.shape(image)[:2] != (rig.height, rig.width):
         raise InputError(f"image has shape {np.shape(image)}, expected the camera's {rig.height} x {rig.width}")
-    _check_distance(points)
+    points = _positions(xyz)
     complex_ = build_complex(faces, len(points))
     triangles = np.asarray(faces)
     uv = visible_uv(rig, points, triangles if len(triangles) else None)
@@ -94,15 +74,32 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig) -> Tex
         raise InputError(
             f"none of {len(points)} vertices falls into the image{behind}, expected the camera's frame, metres"
         )
-    depth = np.where(np.isnan(uv[:, 0]) | (points[:, 2] < _NEAREST), np.nan, points[:, 2])
-    disparity = rig.fx * rig.baseline / depth - rig.doffs if rig.baseline else np.full(len(points), np.nan)
-    cloud = Cloud(points, uv, disparity)
     is_same = len(triangles) == len(complex_.faces)
     kept = triangles.reshape(-1, 3).astype(np.int32) if is_same else complex_.faces
-    return Textured(cloud, Surface(kept), complex_, signals)
+    cloud = Cloud(points, uv, _disparity(rig, points, uv))
+    response = Once(lambda: Tmahf()(complex_, cloud.uv, signals))
+    return Frame(0, 0.0, name, rig, cloud, Surface(kept), complex_, signals, response, image=image)
 
 
-def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Textured:
+def _positions(xyz: ArrayLike) -> FloatArray:
+    points = np.ascontiguousarray(real_array(xyz, "xyz", "(N, 3)"), np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"xyz has shape {points.shape}, expected (N, 3)")
+    far = np.flatnonzero(~(np.abs(points).max(axis=1, initial=0) <= _FARTHEST))
+    if len(far):
+        raise InputError(f"vertex {far[0]} is at {points[far[0]].tolist()}, expected metres, at most {_FARTHEST:g}")
+    return points
+
+
+def _disparity(rig: Rig, points: FloatArray, uv: FloatArray) -> FloatArray:
+    """What the rig's baseline makes of depths, px; NaN for a single camera, and where a vertex is not seen."""
+    if not rig.baseline:
+        return np.full(len(points), np.nan)
+    depth = np.where(np.isnan(uv[:, 0]) | (points[:, 2] < _NEAREST), np.nan, points[:, 2])
+    return rig.fx * rig.baseline / depth - rig.doffs
+
+
+def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Frame:
     """Put the texture of an image on a trimesh mesh, or anything else with ``vertices`` and ``faces``.
 
     Parameters
@@ -114,7 +111,7 @@ def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Textured:
 
     Returns
     -------
-    Textured
+    Frame
 
     Raises
     ------
@@ -134,7 +131,7 @@ def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Textured:
     return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), image, rig)
 
 
-def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: int | None = None) -> Textured:
+def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: int | None = None) -> Frame:
     """Put the texture of an image on a mesh, both from files.
 
     Parameters
@@ -150,7 +147,7 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: i
 
     Returns
     -------
-    Textured
+    Frame
 
     Raises
     ------
@@ -161,20 +158,18 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: i
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:
-        return from_arrays(xyz, faces, pixels, rig)
+        return from_arrays(xyz, faces, pixels, rig, name=one_line(Path(mesh).stem))
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
 
 
-def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
+def doubts_of_mesh(frame: Frame) -> list[str]:
     """What looks wrong with a mesh before a camera though it can be computed with: a line each.
 
     Parameters
     ----------
-    textured : Textured
+    frame : Frame
         As `from_arrays` makes it.
-    rig : Rig
-        The camera.
 
     Returns
     -------
@@ -187,19 +182,19 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
     --------
     >>> camera = Rig(fx=50, fy=50, cx=20, cy=15, baseline=0.1, width=40, height=30)
     >>> mm = 1000 * np.array([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]])
-    >>> doubts_of_mesh(from_arrays(mm, [[0, 1, 2]], np.zeros((30, 40)), camera), camera)
+    >>> doubts_of_mesh(from_arrays(mm, [[0, 1, 2]], np.zeros((30, 40)), camera))
     ['the mesh is 5000 m away in the median, a disparity of 0.001 px: is it in millimetres? Expected metres']
     """
-    z = textured.cloud.xyz[:, 2]
+    rig, z = frame.rig, frame.cloud.xyz[:, 2]
     found = []
-    behind = int((z[np.unique(textured.complex_.faces)] <= 0).sum())
+    behind = int((z[np.unique(frame.complex_.faces)] <= 0).sum())
     if behind:
         found.append(
             f"{behind} of the mesh's vertices are behind the camera (z <= 0), {int((z > 0).sum())} before it: a mesh "
             "around the camera, or in another frame than its own (x right, y down, z forward); faces across it hide "
             "nothing"
         )
-    depth = float(np.median(z[textured.signals.vertex_ok]))
+    depth = float(np.median(z[frame.signals.vertex_ok]))
     disparity = rig.fx * (rig.baseline or _USUAL_BASELINE) / depth
     away = f"the mesh is {depth:.6g} m away in the median"
     if rig.baseline:
@@ -209,9 +204,3 @@ def doubts_of_mesh(textured: Textured, rig: Rig) -> list[str]:
     elif rig.baseline and disparity > rig.width:
         found.append(f"{away}, more than the image is wide: is it in another unit? Expected metres")
     return found
-
-
-def _check_distance(xyz: FloatArray) -> None:
-    far = np.flatnonzero(~(np.abs(xyz).max(axis=1, initial=0) <= _FARTHEST))
-    if len(far):
-        raise InputError(f"vertex {far[0]} is at {xyz[far[0]].tolist()}, expected metres, at most {_FARTHEST:g}")

@@ -1,7 +1,7 @@
 """Reading and writing: images, PLY, VTU, stored frames, run folders. Files are whole or not there."""
 
 from .._atomic import atomic_write, write_bytes
-from .frames import FrameLike, StoredFrame, read_frame, write_frame
+from .frames import read_frame, write_frame
 from .images import image_size, read_image, write_png
 from .manifest import Unit
 from .mesh import merge_corners, read_mesh
@@ -12,10 +12,8 @@ from .trajectory import read_trajectory, write_kitti, write_tum
 from .vtu import VtuMesh, read_vtu, write_vtu
 
 __all__ = [
-    "FrameLike",
     "PlyMesh",
     "RunFolder",
-    "StoredFrame",
     "StoredRun",
     "Unit",
     "VtuMesh",

@@ -5,15 +5,30 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InputError
 
-MARK = "# tspslam run\n"
+FORMAT = 2  # of run folders: of their names, of what stands in frames and checkpoints, of the names of settings
+MARK = f"# tspslam run, format {FORMAT}\n"
+_MARKED = re.compile(rb"# tspslam run(?:, format ([0-9]{1,9}))?\r?\n")
 _LARGEST = 1 << 18
 _DEEPEST = 20
 _LONGEST = 100  # characters of a value in a message
+
+
+def format_of(beginning: bytes) -> int | None:
+    r"""Return the format of the run folder whose settings begin so; None if no run wrote them.
+
+    Examples
+    --------
+    >>> format_of(MARK.encode()), format_of(b"# tspslam run\n"), format_of(b"detector: orb\n")
+    (2, 1, None)
+    """
+    found = _MARKED.match(beginning)
+    return int(found[1] or 1) if found else None
 
 
 def plain(value: object, key: str = "", depth: int = 0) -> Any:

@@ -11,7 +11,7 @@ from .._npz import Arrays, check_shapes
 from ..errors import InputError
 
 MAGIC = "tspslam frame"
-VERSION = 1
+VERSION = 2
 
 # Letters are sizes that must agree: n vertices, e edges, f faces, s surface faces, b bytes of the name;
 # "c*" and "r*" stand for one more axis (channels of the signals, of the response) or none.
@@ -23,10 +23,14 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "name": ("|u1", ("b",)),
     "rig": ("<f8", (7,)),
     "image_size": ("<i8", (2,)),
+    "T_world_camera": ("<f8", (4, 4)),
+    "is_keyframe": ("|b1", ()),
+    "is_lost": ("|b1", ()),
     "cloud_xyz": ("<f8", ("n", 3)),
     "cloud_uv": ("<f8", ("n", 2)),
     "cloud_disparity": ("<f8", ("n",)),
     "cloud_covariance": ("<f8", ("n", 3, 3)),
+    "landmark": ("<i8", ("n",)),
     "surface_faces": ("<i4", ("s", 3)),
     "complex_n": ("<i8", ()),
     "complex_edges": ("<i4", ("e", 2)),
@@ -46,9 +50,11 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "response_order": ("<i8", ()),
     "response_defined": ("|b1", ("n",)),
 }
-OPTIONAL = frozenset({"cloud_covariance"})
+OPTIONAL = frozenset({"cloud_covariance", "landmark"})
+SINCE_LAST = frozenset({"T_world_camera", "is_keyframe", "is_lost"})  # arrays that version 1 has not
 # A point without a projection has NaN pixels.
 MAY_BE_NAN = frozenset({"cloud_uv", "cloud_disparity"})
+_ORTHONORMAL = 1e-6  # off from a rotation
 _LARGEST_VALUE = 1e100  # whose square is still finite; covariances of points at infinity come to 1e40
 
 
@@ -75,6 +81,12 @@ def check(arrays: Arrays) -> None:
             raise InputError(f"array {name} holds a value that is not finite or too large")
     if arrays["response_order"] < 0:
         raise InputError(f"has a response of order {arrays['response_order']}")
+    if "landmark" in arrays and (arrays["landmark"] < -1).any():
+        raise InputError(f"array landmark holds {arrays['landmark'].min()}, where -1 is the least")
+    T = arrays["T_world_camera"]
+    off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
+    if not (off < _ORTHONORMAL and np.linalg.det(T[:3, :3]) > 0 and (T[3] == (0, 0, 0, 1)).all()):
+        raise InputError("array T_world_camera holds no rigid motion")
     _check_indices(arrays, known["n"][0], known["e"][0])
 
 

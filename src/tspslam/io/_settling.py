@@ -17,20 +17,43 @@ from .lock import LOCK_NAME, FolderLock
 from .manifest import read_manifest
 
 _EXPECTED = "an empty or new folder, or a run folder of ours"
+_LONGEST_LINE = 64  # bytes of the first line of the settings
 _MAX_NAMED, _LONGEST = 10, 400  # settings that differ; characters of each
 
 
 def is_ours(folder: Path) -> bool:
-    """Whether a folder, in which nothing of ours is a link, holds the settings of a run."""
+    """Whether a folder, in which nothing of ours is a link, holds the settings of a run, of whatever format."""
+    return _format_of(folder) is not None
+
+
+def is_run_folder(folder: Path) -> bool:
+    """Whether a folder is one of a run, of whatever format, with no link in a place of ours."""
+    try:
+        check_places(folder)
+    except (InputError, OSError, ValueError):
+        return False
+    return is_ours(folder)
+
+
+def refuse_other_format(folder: Path) -> None:
+    """Refuse the run folder of another version of this package: it is neither gone on with nor read."""
+    found = _format_of(folder)
+    if found not in (None, _config.FORMAT):
+        said = f"is a run folder of format {found}, as another version of tspslam makes them"
+        way = f"format {_config.FORMAT}: make the run anew, into another folder (--out), or delete this one first"
+        raise bad_input(folder, said, way)
+
+
+def _format_of(folder: Path) -> int | None:
     try:
         with open(folder / CONFIG, "rb") as handle:
-            return handle.readline(len(_config.MARK) + 2).replace(b"\r\n", b"\n") == _config.MARK.encode("ascii")
+            return _config.format_of(handle.readline(_LONGEST_LINE))
     except (OSError, ValueError):
-        return False
+        return None
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder that holds something else than a run, or a link in a place of ours."""
+    """Refuse a folder that holds something else than a run of this format, or a link in a place of ours."""
     try:
         check_places(folder)
         names = os.listdir(folder)
@@ -42,6 +65,7 @@ def refuse_foreign(folder: Path) -> None:
     alien = [name for name in names if name != LOCK_NAME and not is_temporary(name)]
     if alien and not is_ours(folder):
         raise bad_input(folder, f"holds {sorted(alien)[0]!r} and no {CONFIG} of a run", _EXPECTED)
+    refuse_other_format(folder)
 
 
 def read_config(folder: Path) -> dict[str, Any]:

@@ -4,111 +4,34 @@ from __future__ import annotations
 
 import io
 import zipfile
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._atomic import write_bytes
-from .._checks import require_frame
+from .._checks import require
 from .._files import PathLike, bad_input, read_bytes
 from .._npz import Arrays, read_npz
 from ..errors import InputError
+from ..frame import Frame
 from ..topology.complex import Complex
 from ..types import Cloud, Response, Rig, Signals, Surface
-from ._frame_schema import MAGIC, OPTIONAL, SCHEMA, VERSION, check, to_schema
+from ._frame_schema import MAGIC, OPTIONAL, SCHEMA, SINCE_LAST, VERSION, check, to_schema
 
 _EXPECTED = f"a frame of format version {VERSION}"
 _RIG = ("fx", "fy", "cx", "cy", "baseline", "skew", "doffs")
 
 
-class FrameLike(Protocol):
-    """What can be stored as a frame: any object with these attributes."""
-
-    @property
-    def index(self) -> int:
-        """Place in its sequence."""
-
-    @property
-    def stamp(self) -> float:
-        """Time, s."""
-
-    @property
-    def name(self) -> str:
-        """What to call it."""
-
-    @property
-    def rig(self) -> Rig:
-        """The cameras."""
-
-    @property
-    def cloud(self) -> Cloud:
-        """The points."""
-
-    @property
-    def surface(self) -> Surface:
-        """The triangles, winding kept."""
-
-    @property
-    def complex_(self) -> Complex:
-        """The complex."""
-
-    @property
-    def signals(self) -> Signals:
-        """The texture signals."""
-
-    @property
-    def response(self) -> Response:
-        """The harmonic response."""
-
-
-@dataclass(frozen=True)
-class StoredFrame:
-    """One frame as read back from disk.
-
-    Attributes
-    ----------
-    index : int
-        Place in its sequence.
-    stamp : float
-        Time, s.
-    name : str
-        What it is called in messages and file names.
-    rig : Rig
-        The cameras.
-    cloud : Cloud
-        Its N points.
-    surface : Surface
-        Triangles over the points, winding kept.
-    complex_ : Complex
-        The complex over the same N points.
-    signals : Signals
-        Texture signals on the complex.
-    response : Response
-        Harmonic response at its vertices.
-    """
-
-    index: int
-    stamp: float
-    name: str
-    rig: Rig
-    cloud: Cloud
-    surface: Surface
-    complex_: Complex
-    signals: Signals
-    response: Response
-
-
-def write_frame(path: PathLike, frame: FrameLike) -> None:
+def write_frame(path: PathLike, frame: Frame) -> None:
     """Write one frame as npz, whole or not at all; equal frames give equal bytes.
 
     Parameters
     ----------
     path : str or path
         The file to write.
-    frame : FrameLike
-        Any object with the attributes of `StoredFrame`.
+    frame : Frame
+        Its parts are computed, if they are not yet; image, quality, what was tracked and times are not written.
 
     Raises
     ------
@@ -123,7 +46,7 @@ def write_frame(path: PathLike, frame: FrameLike) -> None:
     >>> import tempfile
     >>> from tspslam.topology.complex import build_complex
     >>> shape, three, yes = build_complex([[0, 1, 2]], 3), np.zeros(3), np.ones(3, bool)
-    >>> frame = StoredFrame(
+    >>> frame = Frame(
     ...     index=7,
     ...     stamp=0.5,
     ...     name="seventh",
@@ -140,7 +63,7 @@ def write_frame(path: PathLike, frame: FrameLike) -> None:
     ...     read_frame(f"{folder}/000007.npz").name
     'seventh'
     """
-    require_frame(frame)
+    require(frame, Frame, "frame")
     try:
         arrays = {name: to_schema(name, value) for name, value in _collected(frame).items()}
         check(arrays)
@@ -154,7 +77,7 @@ def write_frame(path: PathLike, frame: FrameLike) -> None:
     write_bytes(path, packed.getvalue())
 
 
-def read_frame(path: PathLike) -> StoredFrame:
+def read_frame(path: PathLike) -> Frame:
     """Read a frame that `write_frame` wrote.
 
     Nothing is unpickled; every claimed size is compared with what is there before memory is taken.
@@ -166,7 +89,7 @@ def read_frame(path: PathLike) -> StoredFrame:
 
     Returns
     -------
-    StoredFrame
+    Frame
         The frame.
 
     Raises
@@ -184,14 +107,15 @@ def read_frame(path: PathLike) -> StoredFrame:
     """
     data = read_bytes(path, _EXPECTED)
     try:
-        arrays = read_npz(data, SCHEMA, optional=OPTIONAL, check=_check_mark)
+        arrays = read_npz(data, SCHEMA, optional=OPTIONAL | SINCE_LAST, check=_check_mark)
+        _check_all_there(arrays)
         check(arrays)
         return _frame(arrays)
     except (InputError, UnicodeDecodeError, MemoryError) as error:
         raise bad_input(path, str(error), _EXPECTED) from error
 
 
-def _collected(frame: FrameLike) -> dict[str, Any]:
+def _collected(frame: Frame) -> dict[str, Any]:
     cloud, complex_, response = frame.cloud, frame.complex_, frame.response
     values: dict[str, Any] = {
         "magic": np.frombuffer(MAGIC.encode("ascii"), np.uint8),
@@ -201,6 +125,9 @@ def _collected(frame: FrameLike) -> dict[str, Any]:
         "name": np.frombuffer(frame.name.encode("utf-8", "backslashreplace"), np.uint8),
         "rig": [float(getattr(frame.rig, key)) for key in _RIG],
         "image_size": [frame.rig.width, frame.rig.height],
+        "T_world_camera": frame.T_world_camera,
+        "is_keyframe": frame.is_keyframe,
+        "is_lost": frame.is_lost,
         "cloud_xyz": cloud.xyz,
         "cloud_uv": cloud.uv,
         "cloud_disparity": cloud.disparity,
@@ -213,8 +140,8 @@ def _collected(frame: FrameLike) -> dict[str, Any]:
         "response_order": response.order,
         "response_defined": response.defined,
     }
-    if cloud.covariance is not None:
-        values["cloud_covariance"] = cloud.covariance
+    values |= {"cloud_covariance": cloud.covariance} if cloud.covariance is not None else {}
+    values |= {"landmark": frame.landmark} if frame.landmark is not None else {}
     keys = [name for name in SCHEMA if name.startswith("signals_")]
     return values | {key: getattr(frame.signals, key.removeprefix("signals_")) for key in keys}
 
@@ -236,28 +163,36 @@ def _check_mark(name: str, values: NDArray[Any]) -> None:
     if name == "magic" and values.tobytes() != MAGIC.encode("ascii"):
         raise InputError("does not carry the mark of a frame")
     if name == "version" and (values.shape != () or int(values) != VERSION):
-        raise InputError(f"has the format version {str(values.tolist())[:40]}")
+        former = " of a former tspslam, and the run is to be made anew" if values.tolist() == VERSION - 1 else ""
+        raise InputError(f"has the format version {str(values.tolist())[:40]}{former}")
 
 
-def _frame(arrays: Arrays) -> StoredFrame:
-    part = {name: (int(values) if values.dtype == np.int64 else float(values)) for name, values in _scalars(arrays)}
+def _check_all_there(arrays: Arrays) -> None:
+    """Refuse a file of this version without what the last one had not."""
+    missing = sorted(SINCE_LAST - arrays.keys())
+    if missing:
+        raise InputError(f"has no array {missing[0]}")
+
+
+def _frame(arrays: Arrays) -> Frame:
+    def part(prefix: str) -> Arrays:
+        return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
+
     rig = dict(zip(_RIG, arrays["rig"].tolist(), strict=True))
     width, height = arrays["image_size"].tolist()
-    signals = {name: values for name, values in arrays.items() if name.startswith("signals_")}
-    xyz, uv, disparity = (arrays[f"cloud_{key}"] for key in ("xyz", "uv", "disparity"))
-    edges, faces, face_edges = (arrays[f"complex_{key}"] for key in ("edges", "faces", "face_edges"))
-    return StoredFrame(
-        index=int(part["index"]),
-        stamp=float(part["stamp"]),
+    complex_, response = part("complex_"), part("response_")
+    return Frame(
+        index=int(arrays["index"]),
+        stamp=float(arrays["stamp"]),
         name=arrays["name"].tobytes().decode("utf-8"),
         rig=Rig(width=width, height=height, **rig),
-        cloud=Cloud(xyz, uv, disparity, arrays.get("cloud_covariance")),
+        cloud=Cloud(**part("cloud_")),
         surface=Surface(arrays["surface_faces"]),
-        complex_=Complex(int(part["complex_n"]), edges, faces, face_edges),
-        signals=Signals(**{name.removeprefix("signals_"): values for name, values in signals.items()}),
-        response=Response(arrays["response_z"], int(part["response_order"]), arrays["response_defined"]),
+        complex_=Complex(int(complex_.pop("n")), **complex_),
+        signals=Signals(**part("signals_")),
+        response=Response(response["z"], int(response["order"]), response["defined"]),
+        T_world_camera=arrays["T_world_camera"],
+        landmark=arrays.get("landmark"),
+        is_keyframe=bool(arrays["is_keyframe"]),
+        is_lost=bool(arrays["is_lost"]),
     )
-
-
-def _scalars(arrays: Arrays) -> list[tuple[str, Any]]:
-    return [(name, arrays[name]) for name in SCHEMA if SCHEMA[name][1] == ()]

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frame import Frame
 from ..types import FloatArray, Response, one_channel
-from .frames import FrameLike
 from .ply import write_ply
 from .vtu import write_vtu
 
 Columns = dict[str, NDArray[Any]]
 
 
-def write_maps(vtu: Path, ply: Path, frame: FrameLike) -> None:
+def write_maps(vtu: Path, ply: Path, frame: Frame) -> None:
     """Write a frame's map as VTU and as PLY; see `write_map_vtu` and `write_map_ply`.
 
     Parameters
@@ -30,14 +30,14 @@ def write_maps(vtu: Path, ply: Path, frame: FrameLike) -> None:
     write_map_ply(ply, frame)
 
 
-def write_map_vtu(path: Path, frame: FrameLike) -> None:
+def write_map_vtu(path: Path, frame: Frame) -> None:
     """Write a frame as VTU: lines and triangles, told apart by the integer cell array ``dim``.
 
     Parameters
     ----------
     path : path
         Where to.
-    frame : FrameLike
+    frame : Frame
         Cells carry ``luminance``, ``pixels`` and ``ok``; points also depth and the response (real, imaginary part,
         magnitude, phase, defined).
 
@@ -52,14 +52,14 @@ def write_map_vtu(path: Path, frame: FrameLike) -> None:
     write_vtu(path, frame.complex_, frame.cloud.xyz, vertex=_vertex(frame), edge=edge, face=face)
 
 
-def write_map_ply(path: Path, frame: FrameLike) -> None:
+def write_map_ply(path: Path, frame: Frame) -> None:
     """Write a frame as PLY: vertices and faces with their signals (edge signals break common readers: see VTU).
 
     Parameters
     ----------
     path : path
         Where to.
-    frame : FrameLike
+    frame : Frame
         Vertices also carry their luminance as grey ``red green blue``.
 
     Raises
@@ -73,7 +73,7 @@ def write_map_ply(path: Path, frame: FrameLike) -> None:
     write_ply(path, frame.cloud.xyz, frame.surface.faces, vertex=vertex, face=face)
 
 
-def _vertex(frame: FrameLike) -> Columns:
+def _vertex(frame: Frame) -> Columns:
     z = one_channel(frame.response.z)
     response = Response(z, frame.response.order, frame.response.defined)
     return _level(frame.signals.vertex, frame.signals.vertex_ok) | {

@@ -20,7 +20,7 @@ from ..errors import InputError, OutputError
 from . import _config
 from ._places import CONFIG, MANIFEST, PARTS, TIMINGS, check_places, is_result, is_word
 from ._record import checked_rows
-from ._settling import is_ours, read_config, refuse_foreign, settle_config, sweep, unmake
+from ._settling import is_ours, read_config, refuse_foreign, refuse_other_format, settle_config, sweep, unmake
 from .lock import FolderLock
 from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manifest
 from .trajectory import write_kitti, write_tum
@@ -87,8 +87,9 @@ class RunFolder:
         Raises
         ------
         InputError
-            If the folder holds something else, a link in a place of ours, a damaged manifest, a run of other settings
-            (each differing key is named), or a run that is still going on. Nothing is touched then.
+            If the folder holds something else, a link in a place of ours, a damaged manifest, a run of another format
+            or of other settings (each differing key is named), or a run that is still going on. Nothing is touched
+            then.
         OutputError
             If the folder cannot be made or written.
         """
@@ -127,7 +128,7 @@ class RunFolder:
         Raises
         ------
         InputError
-            If it is not a run folder of ours, or damaged, or has a link in a place of ours.
+            If it is not a run folder of ours, of another format, or damaged, or has a link in a place of ours.
         """
         folder = Path(path)
         try:
@@ -136,6 +137,7 @@ class RunFolder:
             raise bad_input(path, f"cannot be read ({reason_of(error)})", "a run folder of ours") from error
         if not is_ours(folder):
             raise bad_input(path, f"holds no {CONFIG} of a run", "a run folder of ours")
+        refuse_other_format(folder)
         return cls(folder, read_config(folder), None)
 
     def close(self) -> None:

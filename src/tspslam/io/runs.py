@@ -12,9 +12,10 @@ import numpy as np
 
 from .._checks import require_path
 from .._files import PathLike, bad_input
+from ..frame import Frame
 from ..types import FloatArray, Trajectory
 from ._record import checked_rows
-from .frames import StoredFrame, read_frame
+from .frames import read_frame
 from .runfolder import RunFolder
 from .trajectory import read_trajectory
 
@@ -69,7 +70,7 @@ class StoredRun:
         """Indices of the frames that have a file: keyframes, and frames where tracking was lost."""
         return self._folder.stored_frames
 
-    def frame(self, index: int) -> StoredFrame:
+    def frame(self, index: int) -> Frame:
         """Read one stored frame: cloud in the camera's frame, surface, complex, signals, response.
 
         Parameters
@@ -79,7 +80,7 @@ class StoredRun:
 
         Returns
         -------
-        StoredFrame
+        Frame
 
         Raises
         ------
@@ -89,7 +90,7 @@ class StoredRun:
         return read_frame(self._folder.finished_frame(index))
 
     @property
-    def frames(self) -> Iterator[StoredFrame]:
+    def frames(self) -> Iterator[Frame]:
         """Stored frames one after another, each read when it is its turn."""
         return (self.frame(index) for index in self.stored)
 

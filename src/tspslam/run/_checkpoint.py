@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import json
-from typing import Any
+from collections.abc import Sequence
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,38 +18,31 @@ from .._npz import Arrays, Schema, read_npz
 from .._text import parse_json
 from ..errors import InputError
 from ..vision.slam._state import SCHEMA
+from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row
 
-Row = dict[str, Any]
 _SCHEMA: Schema = {"made_by": ("|u1", ("b",)), "rows": ("|u1", ("r",))} | SCHEMA
 _LARGEST_COUNT = 1 << 40
 _LARGEST_NUMBER = 1e100
-_TRACKED = {
-    "name": str,
-    "stamp": float,
-    "is_keyframe": bool,
-    "is_lost": bool,
-    "landmarks_seen": int,
-}
-_COMPLEX = {
-    "defined": int,
-    "points": int,
-    "edges": int,
-    "faces": int,
-    "euler": int,
-    "pinched_vertices": list,
-    "surface": str,
-    "keypoints_left": int,
-    "keypoints_right": int,
-    "matched": int,
-    "by_row_search": int,
-    "vertical_offset_px": float,
-    "vertical_offset_std_px": float,
-}
+_KINDS: dict[type, dict[str, Any]] = {each: get_type_hints(each) for each in (SkippedPair, FrameRecord, ComplexRecord)}
 
 
-def pack(made_by: bytes, rows: list[Row], state: Arrays) -> bytes:
-    """Return a checkpoint as npz."""
-    text = json.dumps(rows, allow_nan=False).encode()
+def pack(made_by: bytes, rows: Sequence[Row], state: Arrays) -> bytes:
+    """Return a checkpoint as npz.
+
+    Parameters
+    ----------
+    made_by : bytes
+        What writes it; others' checkpoints do not count.
+    rows : sequence of FrameRecord or SkippedPair
+        One for each pair so far.
+    state : dict of str to array
+        The odometry's.
+
+    Returns
+    -------
+    bytes
+    """
+    text = json.dumps([flatten_row(row) for row in rows], allow_nan=False).encode()
     heads = {name: np.frombuffer(data, np.uint8) for name, data in (("made_by", made_by), ("rows", text))}
     buffer = io.BytesIO()
     arrays = {name: np.ascontiguousarray(values).reshape(np.shape(values)) for name, values in state.items()}
@@ -57,6 +52,18 @@ def pack(made_by: bytes, rows: list[Row], state: Arrays) -> bytes:
 
 def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:
     """Return the rows and the state of a checkpoint.
+
+    Parameters
+    ----------
+    data : bytes
+        What `pack` gave, or anything else.
+    made_by : bytes
+        What must have written it.
+
+    Returns
+    -------
+    rows : list of FrameRecord or SkippedPair
+    state : dict of str to array
 
     Raises
     ------
@@ -71,10 +78,10 @@ def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:
     state = read_npz(data, _SCHEMA, check=check_maker)
     del state["made_by"]
     rows = _rows(state.pop("rows").tobytes())
-    tracked = [row for row in rows if "skipped" not in row]
-    if [row["stamp"] for row in tracked] != state["stamps"].tolist():
+    tracked = [row for row in rows if isinstance(row, FrameRecord)]
+    if [row.stamp for row in tracked] != state["stamps"].tolist():
         raise InputError("its rows are not those of the path")
-    keyframes = {number for number, row in enumerate(tracked) if row["is_keyframe"]}
+    keyframes = {number for number, row in enumerate(tracked) if row.is_keyframe}
     if not keyframes.issuperset(state["keyframe_index"].tolist()):
         raise InputError("a keyframe of its map is none in its rows")
     return rows, state
@@ -87,27 +94,40 @@ def _rows(data: bytes) -> list[Row]:
         raise InputError("its rows are no JSON") from error
     if not isinstance(rows, list):
         raise InputError("its rows are no list")
-    for number, row in enumerate(rows):
-        if not (isinstance(row, dict) and _is_row(row)):
-            raise InputError(f"row {number} is none of a frame")
-    return rows
+    return [_row(number, row) for number, row in enumerate(rows)]
 
 
-def _is_row(row: Row) -> bool:
-    kinds: dict[str, type] = {"index": int, "input_hash": str}
-    if "skipped" in row:
-        kinds |= {"skipped": str}
-    else:
-        kinds |= _TRACKED | (_COMPLEX if "points" in row else {})
-    if not all(name in row and _is(row[name], kind) for name, kind in kinds.items()):
-        return False
-    plain = int, float, bool, str, list, type(None)
-    return all(any(_is(value, kind) for kind in plain) for value in row.values())
+def _row(number: int, values: Any) -> Row:
+    """The record that a plain row was made from, as `flatten_row` has it."""
+    try:
+        if not isinstance(values, dict):
+            raise TypeError
+        if "skipped" in values:
+            return SkippedPair(**_fitted(values, SkippedPair))
+        inner = {name: value for name, value in values.items() if name in _KINDS[ComplexRecord]}
+        outer = {name: value for name, value in values.items() if name not in inner}
+        complex_ = ComplexRecord(**_fitted(inner, ComplexRecord)) if inner else None
+        return FrameRecord(**_fitted(outer, FrameRecord), complex_=complex_)
+    except TypeError as error:  # also of a record that lacks a value, or has one more
+        raise InputError(f"row {number} is none of a frame") from error
 
 
-def _is(value: object, kind: type) -> bool:
-    if kind is list:
-        return isinstance(value, list) and all(_is(each, float) for each in value)
+def _fitted(values: dict[str, Any], record: type) -> dict[str, Any]:
+    """The values of a record; TypeError if one is not of its type."""
+    return {name: _value(value, _KINDS[record].get(name)) for name, value in values.items()}
+
+
+def _value(value: object, kind: Any) -> object:
+    if isinstance(kind, UnionType):
+        kind = get_args(kind)[0]  # None is not written
+    if get_origin(kind) is tuple and isinstance(value, list):
+        return tuple(_value(each, get_args(kind)[0]) for each in value)
+    if not _is(value, kind):
+        raise TypeError
+    return value
+
+
+def _is(value: object, kind: Any) -> bool:
     if kind is float:
         return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST_NUMBER
     return type(value) is kind and (not isinstance(value, int) or abs(value) < _LARGEST_COUNT)

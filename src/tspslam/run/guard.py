@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..io import RunFolder
 from ..io._places import is_of_a_run
+from ..io._settling import is_run_folder
 
 _FIRST = 1024  # bytes of a file that tell its kind
 _XML = rb"(\xef\xbb\xbf)?(<\?xml[^>]*\?>\s*)?"
@@ -78,7 +78,7 @@ def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced:
             raise InputError(f"{output}: is the input {path} itself; expected another file")
     for folder in _above(output):
         inner = os.path.relpath(os.path.realpath(output), folder).replace(os.sep, "/")
-        if is_of_a_run(inner) and is_run(folder):
+        if is_of_a_run(inner) and is_run_folder(folder):
             raise InputError(f"{output}: is a file of the run in {folder}; expected a place outside")
     try:
         if is_forced or not output.is_file() or output.stat().st_size == 0:
@@ -87,7 +87,7 @@ def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced:
     except (OSError, ValueError):
         return  # who writes it will say why that cannot be done
     for path in given:
-        if path.is_dir() and not is_run(path) and is_inside(output, path):
+        if path.is_dir() and not is_run_folder(path) and is_inside(output, path):
             raise InputError(f"{output}: is there and lies in the input {path}; expected a free name, or --force")
     if not fits:
         raise InputError(f"{output}: is there and is no {kind.name}; expected a free name, or --force to overwrite it")
@@ -123,25 +123,6 @@ def is_inside(path: Path, folder: Path) -> bool:
     bool
     """
     return any(_is_same(each, folder) for each in _above(path))
-
-
-def is_run(folder: Path) -> bool:
-    """Whether a folder is a run folder of ours.
-
-    Parameters
-    ----------
-    folder : path
-        Any place.
-
-    Returns
-    -------
-    bool
-    """
-    try:
-        RunFolder.open(folder)
-    except InputError:
-        return False
-    return True
 
 
 def _above(path: Path) -> Iterable[Path]:

@@ -7,24 +7,24 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from ..io import StoredFrame
+from ..frame import Frame
 from ..topology.complex import build_complex
 from ..types import Cloud, FloatArray, Response, Signals, Surface
 
 
-def merged(frames: Iterable[StoredFrame], T_world_camera: FloatArray) -> StoredFrame:
+def merge_frames(frames: Iterable[Frame], T_world_camera: FloatArray) -> Frame:
     """One frame of all the vertices, edges and faces of several: a disjoint union, in the world's axes.
 
     Parameters
     ----------
-    frames : iterable of StoredFrame
-        At least one; index, stamp, name and rig are those of the first.
+    frames : iterable of Frame
+        At least one, read from files; index, stamp, name and rig are those of the first.
     T_world_camera : (K, 4, 4) float64
         Their poses.
 
     Returns
     -------
-    StoredFrame
+    Frame
         Its edges and faces stand in the order of the frames.
     """
     parts = [_moved(frame, T) for frame, T in zip(frames, T_world_camera, strict=True)]
@@ -41,16 +41,20 @@ def merged(frames: Iterable[StoredFrame], T_world_camera: FloatArray) -> StoredF
         parts[0].response.order,
         np.concatenate([part.response.defined for part in parts]),
     )
-    surface, signals = Surface(faces.astype(np.int32)), Signals(**columns)
-    cloud = _joined([part.cloud for part in parts])
-    return replace(parts[0], cloud=cloud, surface=surface, complex_=complex_, signals=signals, response=response)
+    first, cloud = parts[0], _joined([part.cloud for part in parts])
+    known = [part.landmark for part in parts if part.landmark is not None]
+    return Frame(
+        first.index, first.stamp, first.name, first.rig, cloud, Surface(faces.astype(np.int32)), complex_,
+        Signals(**columns), response, landmark=np.concatenate(known) if len(known) == len(parts) else None,
+    )  # fmt: skip
 
 
-def _moved(frame: StoredFrame, T: FloatArray) -> StoredFrame:
+def _moved(frame: Frame, T: FloatArray) -> Frame:
     """A frame whose points are in the world."""
     cloud, R = frame.cloud, T[:3, :3]
     covariance = None if cloud.covariance is None else R @ cloud.covariance @ R.T
-    return replace(frame, cloud=replace(cloud, xyz=cloud.xyz @ R.T + T[:3, 3], covariance=covariance))
+    moved = replace(cloud, xyz=cloud.xyz @ R.T + T[:3, 3], covariance=covariance)
+    return replace(frame, cloud=moved, T_world_camera=np.eye(4))
 
 
 def _joined(clouds: list[Cloud]) -> Cloud:

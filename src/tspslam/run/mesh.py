@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,18 @@ from numpy.typing import NDArray
 from .._files import one_line
 from ..datasets.maps import read_levelled
 from ..errors import InputError
-from ..interop.meshes import Textured, doubts_of_mesh, from_arrays
-from ..io import RunFolder, StoredFrame, merge_corners, read_mesh, write_frame
+from ..frame import Frame
+from ..interop.meshes import doubts_of_mesh, from_arrays
+from ..io import RunFolder, merge_corners, read_mesh, write_frame
 from ..io.mesh import repeated_corners
 from ..topology.complex import Complex
 from ..topology.harmonic import Tmahf
 from ..types import FloatArray
 from ..vision.calibration.formats import read_rectified
 from ..vision.rig import doubts
-from .pipeline import RunResult, finish
-from .record import array_hash, hash_of, machine, no_response, pixel_warnings, versions
+from .pipeline import RunResult, write_results
+from .record import array_hash, hash_of, machine, versions
+from .summary import no_response, pixel_warnings
 
 
 def filter_mesh(
@@ -71,18 +74,17 @@ def filter_mesh(
     if merge:
         xyz, faces = _merged(mesh, xyz, faces)
     try:
-        textured = from_arrays(xyz, faces, pixels, rig)
-        response = stage(textured.complex_, textured.cloud.uv, textured.signals)
+        seen = from_arrays(xyz, faces, pixels, rig, name=one_line(mesh.stem))
+        frame = replace(seen, response=stage(seen.complex_, seen.cloud.uv, seen.signals))
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
-    frame = StoredFrame(0, 0.0, one_line(mesh.stem), rig, **vars(textured), response=response)
     given = [array_hash(values) for values in (pixels, xyz, faces)]
     settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
     with RunFolder.create(out, settings) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
         record = _filter_record(frame, used)
-        finish(folder, [path], pixels, frame, record, folder.config_hash)
+        write_results(folder, [path], frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
     return RunResult(out, record)
@@ -95,7 +97,7 @@ def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[Floa
     return xyz, faces
 
 
-def _filter_record(frame: StoredFrame, bits: int | None) -> dict[str, Any]:
+def _filter_record(frame: Frame, bits: int | None) -> dict[str, Any]:
     edges, faces = frame.complex_.edges, frame.complex_.faces
     sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
@@ -119,7 +121,7 @@ def _is_soup(complex_: Complex) -> bool:
     return len(complex_.faces) > 1 and len(complex_.edges) == 3 * len(complex_.faces)
 
 
-def _warnings(frame: StoredFrame) -> Iterator[tuple[str, str]]:
+def _warnings(frame: Frame) -> Iterator[tuple[str, str]]:
     hidden = int((~frame.signals.vertex_ok).sum())
     if hidden:
         where = "hidden, outside the image or behind the camera"
@@ -132,8 +134,7 @@ def _warnings(frame: StoredFrame) -> Iterator[tuple[str, str]]:
     elif repeated:
         said = f"{repeated} of {len(corners)} corners of faces are where another is: edges there are not shared"
         yield "repeated_corners", f"{said}; {way_on}"
-    textured = Textured(frame.cloud, frame.surface, frame.complex_, frame.signals)
-    for line in doubts_of_mesh(textured, frame.rig):
+    for line in doubts_of_mesh(frame):
         yield "mesh", line
     for line in doubts(frame.rig):
         yield "calibration", line

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from .._checks import require, require_stage
+from .._files import PathLike
+from ..datasets import open_sequence
 from ..errors import InputError
-from ..io import RunFolder, StoredFrame, read_frame
+from ..frame import Frame
+from ..io import RunFolder, read_frame
 from ..io.maps import write_maps
-from ..session import Session
-from ..topology.complex import Complex
-from ..types import Cloud, FloatArray, Image, Response, Rig, Signals, StereoPair, Surface
+from ..session import Session, Settings
+from ..types import FloatArray, Rig, StereoPair
 from .config import Resolved
-from .record import hash_of, machine, run_record
-from .sequence import STATE_NAME, SequenceRun, folder_name, merged_map
+from .record import hash_of, machine
+from .sequence import STATE_NAME, OnFrame, SequenceRun, merge_stored_frames
 from .sequence import Source as Source
+from .summary import summarize_run
 
 Progress = Callable[[int, int, str], None]
 
@@ -60,8 +64,9 @@ class RunResult:
 
 
 def run(
-    source: Source, out: Path, resolved: Resolved, *, frames: range | None = None, progress: Progress | None = None
-) -> RunResult:
+    source: Source, out: PathLike, resolved: Resolved, *,
+    frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
+) -> RunResult:  # fmt: skip
     """Track the camera through the pairs of `source` and fill the run folder `out`.
 
     A pair that cannot be used is skipped with a warning, and the run is degraded; if none can, its error is raised.
@@ -80,6 +85,10 @@ def run(
         Which pairs; all by default.
     progress : callable, optional
         Called with (frames done, frames in all, name) after each.
+    on_frame : callable, optional
+        Called with each `Frame`, in order, in this thread, as soon as its pose is known; asking for a part of it waits
+        until that is computed. Not of pairs that are skipped, nor of frames that an earlier run has finished. What it
+        raises ends the run; the same command goes on from the last checkpoint.
 
     Returns
     -------
@@ -92,6 +101,8 @@ def run(
     OutputError
         If something cannot be written.
     """
+    if on_frame is not None:
+        require_stage(on_frame, "on_frame", "print")
     started = time.perf_counter()
     wanted = frames if frames is not None else range(len(source))
     if not wanted:
@@ -101,18 +112,52 @@ def run(
     with RunFolder.create(out, settings) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings), folder)
         try:
-            record = _travel(sequence, progress)
+            record = _process_all(sequence, progress, on_frame)
         finally:
             sequence.session.close()
-        seconds = {row["name"]: row["seconds"] for row in sequence.rows if row.get("seconds")}
-        folder.write_timings({"frames": seconds, "total_s": time.perf_counter() - started, "machine": machine()})
-    return RunResult(out, record)
+        total = time.perf_counter() - started
+        folder.write_timings({"frames": sequence.seconds, "total_s": total, "machine": machine()})
+    return RunResult(Path(out), record)
 
 
-def _travel(sequence: SequenceRun, progress: Progress | None) -> dict[str, Any]:
+def run_path(
+    path: PathLike, out: PathLike, settings: Settings | None = None, *,
+    frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
+) -> RunResult:  # fmt: skip
+    """Open the sequence at a path and run it: one call of plain arguments, which a worker process can make.
+
+    Parameters
+    ----------
+    path : str or path
+        A folder or a bag, as `tspslam.datasets.open_sequence` takes it.
+    out : str or path
+        The run folder, as in `run`.
+    settings : Settings, optional
+        Stages of the kinds that settings have names for; the defaults serve.
+    frames, progress, on_frame
+        As in `run`; the functions are called in the process that runs.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    InputError
+        If the path holds no sequence, a stage is none that settings can name, or as `run`.
+    OutputError
+        If something cannot be written.
+    """
+    stages = Settings() if settings is None else settings
+    require(stages, Settings, "settings")
+    resolved = Resolved(stages, {})
+    return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
+
+
+def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
     total = len(sequence.wanted)
-    for done, index in sequence.proceed():
+    for done, index in sequence.proceed(on_frame):
         if progress:
             progress(done, total, f"frame {index}")
     if not sequence.stored:
@@ -120,23 +165,27 @@ def _travel(sequence: SequenceRun, progress: Progress | None) -> dict[str, Any]:
             raise sequence.last_error
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
     sequence.session.finish()
-    record = run_record(sequence, getattr(sequence.source, "unpaired", []))
-    _write_results(sequence, record)
+    record = summarize_run(
+        sequence.source.name, sequence.rows, sequence.session,
+        settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
+    )  # fmt: skip
+    _write_all(sequence, record)
     return record
 
 
-def _write_results(sequence: SequenceRun, record: dict[str, Any]) -> None:
+def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> None:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder, trajectory = sequence.folder, sequence.trajectory
-    key = hash_of([record, *(folder.units[folder_name(row)].sha256 for row in sequence.stored)])
+    places = [folder.frame_path(row.index) for row in sequence.stored]
+    frames = [f"frames/{path.name}" for path in places]
+    key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
     if not _is_finished(folder, key):
-        shown = sequence.stored[0]
-        stored = read_frame(folder.frame_path(shown["index"]))
+        image = sequence.source[sequence.stored[0].index].left
         paths = folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
-        image = sequence.source[shown["index"]].left
-        finish(folder, paths, image, stored, record, key, whole=merged_map(sequence), poses=trajectory.T_world_camera)
-    frames = [f"frames/{row['index']:06d}.{kind}" for row in sequence.stored for kind in ("npz", "json")]
-    folder.keep([STATE_NAME, *frames, *(name for name, unit in folder.units.items() if unit.input == key)])
+        shown, whole = replace(read_frame(places[0]), image=image), merge_stored_frames(sequence)
+        write_results(folder, paths, shown, record, key, whole=whole, poses=trajectory.T_world_camera)
+    results = [name for name, unit in folder.units.items() if unit.input == key]
+    folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
 
 
 def _is_finished(folder: RunFolder, key: str) -> bool:
@@ -144,37 +193,38 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
     return "report.html" in names and all(folder.is_done(folder.path / name, input_hash=key) for name in names)
 
 
-def finish(
-    folder: RunFolder, paths: list[Path], image: Image, frame: StoredFrame, record: dict[str, Any], key: str,
-    *, whole: StoredFrame | None = None, poses: FloatArray | None = None,
+def write_results(
+    folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
+    *, whole: Frame | None = None, poses: FloatArray | None = None,
 ) -> None:  # fmt: skip
     """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`.
 
-    Maps are of `whole`, pictures and report of `frame`; a path of several `poses` gets a picture too.
+    Parameters
+    ----------
+    folder : RunFolder
+        Where to.
+    paths : list of Path
+        Files of the folder that are written already.
+    frame : Frame
+        What pictures and report show; with its image.
+    record : dict
+        Content of ``run.json``.
+    key : str
+        Hash of what all of it was made from.
+    whole : Frame, optional
+        What the maps are of; `frame` by default.
+    poses : (T, 4, 4) float64, optional
+        The path; of several, there is a picture too.
     """
     from ..view import pictures, report, write_plan_picture
 
-    shown = ImagedFrame(frame.name, image, frame.cloud, frame.surface, frame.complex_, frame.signals, frame.response)
-    whole = whole or frame
+    whole = frame if whole is None else whole
     write_maps(folder.map_vtu_path, folder.map_ply_path, whole)
-    drawn = pictures.write_pictures(shown, folder.path / "pictures")
+    drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
         write_plan_picture(poses[:, :3, 3], whole.cloud.xyz, drawn[0])
     run_path = folder.write_run(record)
-    report.write_report(shown, record, drawn, folder.report_path)
+    report.write_report(frame, record, drawn, folder.report_path)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)
-
-
-@dataclass(frozen=True)
-class ImagedFrame:
-    """A frame with its image, as pictures and report need it."""
-
-    name: str
-    image: Image
-    cloud: Cloud
-    surface: Surface
-    complex_: Complex
-    signals: Signals
-    response: Response

@@ -1,250 +1,197 @@
-"""What a run says of itself: summaries, ``run.json``, hashes, versions."""
+"""What a run notes of each frame, and what its results depend on: hashes, versions, machine."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import platform
-from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..session import Frame, Session
+from ..frame import Frame
 from ..topology.crust import CrustSurface
 from ..topology.surface import pinched_vertices
 from ..types import Rig, StereoPair
-from ..vision.rig import doubts
-from ..vision.slam.odometry import StereoOdometry as Odometry
-
-_LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
-_FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
-
-Row = dict[str, Any]
-Warning_ = dict[str, str]
-
-# Points in a cloud, as a share of the keypoints that the image should have: below it a cloud is almost empty. Of 42
-# frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
-# 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
-_FEW = 0.08
-_AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
 
-class SequenceLike(Protocol):
-    """What a record is made from."""
+@dataclass(frozen=True)
+class ComplexRecord:
+    """Numbers of a frame's complex, and of the images that it is from.
 
-    @property
-    def source(self) -> Any:
-        """Where the pairs came from: its `name` and `rig`."""
+    Attributes
+    ----------
+    defined : int
+        Vertices with a response.
+    points, edges, faces, euler : int
+        Sizes of the complex, and its Euler characteristic.
+    pinched_vertices : tuple of int
+        Vertices where the surface is not a manifold.
+    surface : str
+        How the surface was made.
+    keypoints_left, keypoints_right : int
+        Keypoints of the images.
+    matched, by_row_search : int
+        How many were matched, and how many of these had no keypoint in the right image.
+    vertical_offset_px, vertical_offset_std_px : float
+        Median of v_right - v_left, px, and its spread.
+    """
 
-    @property
-    def folder(self) -> Any:
-        """The run folder: its `config_hash`."""
+    defined: int
+    points: int
+    edges: int
+    faces: int
+    euler: int
+    pinched_vertices: tuple[int, ...]
+    surface: str
+    keypoints_left: int
+    keypoints_right: int
+    matched: int
+    by_row_search: int
+    vertical_offset_px: float
+    vertical_offset_std_px: float
 
-    session: Session
-    rows: list[Row]
 
-    @property
-    def tracked(self) -> list[Row]:
-        """Rows of frames with a pose."""
-
-    @property
-    def stored(self) -> list[Row]:
-        """Rows of frames with a complex."""
-
-
-def frame_row(frame: Frame, input_hash: str, *, with_complex: bool = False) -> Row:
+@dataclass(frozen=True)
+class FrameRecord:
     """What one frame gave, in numbers; the same frame always gives the same.
+
+    Attributes
+    ----------
+    index : int
+        Place in its sequence.
+    input_hash : str
+        Hash of what it was made from.
+    name : str
+        What it is called.
+    stamp : float
+        Time, s.
+    is_keyframe, is_lost : bool
+        Whether the map rests on it; whether its pose is a guess.
+    landmarks_seen : int
+        Landmarks that agree with its pose.
+    bits : int or None
+        Bits that 16-bit pixels use, where that was found.
+    unknown : tuple of float
+        Values of its map that were taken for "not known".
+    no_complex : str or None
+        Why it has no complex, where one was wanted.
+    complex_ : ComplexRecord or None
+        Its complex, if it is stored.
+    """
+
+    index: int
+    input_hash: str
+    name: str
+    stamp: float
+    is_keyframe: bool
+    is_lost: bool
+    landmarks_seen: int
+    bits: int | None = None
+    unknown: tuple[float, ...] = ()
+    no_complex: str | None = None
+    complex_: ComplexRecord | None = None
+
+
+@dataclass(frozen=True)
+class SkippedPair:
+    """A pair that could not be used.
+
+    Attributes
+    ----------
+    index : int
+        Place in its sequence.
+    input_hash : str
+        Hash of what it is, or of why it cannot be read.
+    skipped : str
+        Why.
+    """
+
+    index: int
+    input_hash: str
+    skipped: str
+
+
+Row = FrameRecord | SkippedPair
+
+
+def record_frame(frame: Frame, pair: StereoPair, input_hash: str) -> FrameRecord:
+    """Numbers of a frame, without those of its complex.
+
+    Parameters
+    ----------
+    frame : Frame
+        What the pair gave.
+    pair : StereoPair
+        The images.
+    input_hash : str
+        Hash of what it was made from.
+
+    Returns
+    -------
+    FrameRecord
+    """
+    return FrameRecord(
+        frame.index, input_hash, frame.name, frame.stamp, frame.is_keyframe, frame.is_lost,
+        landmarks_seen=0 if frame.tracked is None else frame.tracked.matches,
+        bits=pair.bits, unknown=tuple(pair.unknown),
+    )  # fmt: skip
+
+
+def record_complex(frame: Frame) -> ComplexRecord:
+    """Numbers of a frame's complex, which is computed if it is not yet.
+
+    Parameters
+    ----------
+    frame : Frame
+        A frame that a session gave.
+
+    Returns
+    -------
+    ComplexRecord
 
     Raises
     ------
     InputError
-        If its complex is asked for and it shows too little.
+        If it shows too little for one.
     """
-    tracked = frame.tracked
-    row = {
-        "index": frame.index,
-        "input_hash": input_hash,
-        "name": frame.name,
-        "stamp": frame.stamp,
-        "is_keyframe": tracked.is_keyframe,
-        "is_lost": tracked.is_lost,
-        "landmarks_seen": tracked.matches,
-    }
-    row |= _facts(frame.pair)
-    return row | _complex_numbers(frame) if with_complex else row
-
-
-def _facts(pair: StereoPair) -> Row:
-    """What was found of the pixels and the map of a pair, where it is not what is usual."""
-    bits = {} if pair.bits is None else {"bits": pair.bits}
-    return bits | ({"unknown": list(pair.unknown)} if pair.unknown else {})
-
-
-def _complex_numbers(frame: Frame) -> Row:
-    quality = frame.quality
-    return {
-        "defined": int(frame.response.defined.sum()),
-        "points": len(frame.cloud),
-        "edges": len(frame.complex_.edges),
-        "faces": len(frame.complex_.faces),
-        "euler": frame.complex_.euler,
-        "pinched_vertices": pinched_vertices(frame.surface.faces, len(frame.cloud)).tolist(),
-        "surface": frame.surface.report.verdict if isinstance(frame.surface, CrustSurface) else "image Delaunay",
-        "keypoints_left": quality.keypoints_left,
-        "keypoints_right": quality.keypoints_right,
-        "matched": quality.matched,
-        "by_row_search": quality.by_row_search,
-        "vertical_offset_px": quality.vertical_offset_px,
-        "vertical_offset_std_px": quality.vertical_offset_std_px,
-    }
-
-
-def run_record(sequence: SequenceLike, unpaired: Sequence[str]) -> dict[str, Any]:
-    """What ``run.json`` holds; nothing in it varies when the run is repeated."""
-    tracked, stored, odometry = sequence.tracked, sequence.stored, sequence.session.odometry
-    skipped = len(sequence.rows) - len(tracked)
-    lost = sum(row["is_lost"] for row in tracked)
-    bare = any("no_complex" in row for row in tracked)
-    defined = sum(row["defined"] for row in stored)
-    is_path = len(tracked) > 1
-    bits = next(({"bits": row["bits"]} for row in tracked if "bits" in row), {})
-    return {
-        "status": "degraded" if skipped or lost or bare or odometry.unsolved or not defined else "complete",
-        "source": sequence.source.name,
-        "frames": len(sequence.rows),
-        "tracked": len(tracked) - lost,
-        "keyframes": sum(row["is_keyframe"] for row in tracked),
-        "landmarks": len(odometry.map.xyz),
-        "loops": odometry.loops,
-        "complex": {
-            "n": sum(row["points"] for row in stored),
-            **{key: sum(row[key] for row in stored) for key in ("edges", "faces", "euler")},
-        },
-        "calibration": {
-            "vertical_offset_px": float(np.median([row["vertical_offset_px"] for row in stored])),
-            "vertical_offset_std_px": stored[0]["vertical_offset_std_px"],
-            "disparity_offset_px": odometry.disparity_offset[0] if is_path else None,
-            "disparity_offset_std_px": odometry.disparity_offset[1] if is_path else None,
-            **bits,
-        },
-        "warnings": [
-            *_troubles(sequence.rows, odometry),
-            *_doubts(sequence.source.rig),
-            *(offset_doubts(sequence.source.rig, *odometry.disparity_offset) if is_path else ()),
-            *pixel_warnings(bits.get("bits"), tracked[0].get("unknown", [])),
-            *_few_points(stored, sequence.session),
-            *no_response(defined),
-            *_warnings(unpaired, stored),
-        ],
-        "per_frame": [_row(row) for row in tracked],
-        "versions": versions(),
-        "seeds": {"recognition": 0},
-        "input_hash": hash_of([row["input_hash"] for row in sequence.rows]),
-        "settings_hash": sequence.folder.config_hash,
-    }
-
-
-def _troubles(rows: list[Row], odometry: Odometry) -> Iterator[Warning_]:
-    """What went wrong with frames and the map."""
-    for row in rows:
-        if "skipped" in row:
-            yield {"code": "frame_skipped", "message": f"frame {row['index']}: {row['skipped']}"}
-        if "no_complex" in row and not row["is_lost"]:
-            yield {"code": "no_complex", "message": f"frame {row['index']} has a pose, but: {row['no_complex']}"}
-    lost = [row["index"] for row in rows if row.get("is_lost")]
-    if lost:
-        message = (
-            f"tracking was lost in {len(lost)} of {len(rows)} frames, first in frame {lost[0]}: "
-            "their poses are those of a steady motion"
-        )
-        yield {"code": "tracking_lost", "message": message}
-    stamps = [row["stamp"] for row in rows if "stamp" in row]
-    if len(set(stamps)) < len(stamps):
-        message = (
-            f"{len(stamps) - len(set(stamps))} frames have the stamp of the one before and no line in the trajectory"
-        )
-        yield {"code": "equal_stamps", "message": message}
-    if odometry.unsolved:
-        message = f"{odometry.unsolved} adjustments of the map had no solution"
-        yield {"code": "adjustment", "message": message}
-
-
-def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:
-    """What was decided of pixels and of a map's values that a user may know better."""
-    if bits is not None and bits < 16:
-        message = f"16-bit pixels use {bits} bits: taken {1 << (16 - bits)} times as bright (--bits for another number)"
-        yield {"code": "bits", "message": message}
-    if unknown:
-        said = " and ".join(f"{value:g}" for value in unknown)
-        message = f"{said} in the map stands for 'not known', by how common it is (--unknown for another value)"
-        yield {"code": "unknown", "message": message}
-
-
-def no_response(defined: int) -> Iterator[Warning_]:
-    """That nothing came of it all, where no vertex has a response."""
-    if not defined:
-        message = (
-            "no vertex has a response: none has a signal and two neighbours or more that have one, in other places"
-        )
-        yield {"code": "no_response", "message": message}
-
-
-def _few_points(stored: list[Row], session: Session) -> Iterator[Warning_]:
-    """Frames whose clouds are almost empty for their images."""
-    rig, count = session.rig, getattr(session.settings.detector, "count", None)
-    fits = rig.width * rig.height / _AREA
-    wanted = {row["index"]: min(count if isinstance(count, int) else row["keypoints_left"], fits) for row in stored}
-    few = [row for row in stored if row["points"] < _FEW * wanted[row["index"]]]
-    if few:
-        first = few[0]
-        message = (
-            f"{len(few)} of {len(stored)} clouds are almost empty, first frame {first['index']}: {first['points']} "
-            f"points of {first['keypoints_left']} keypoints, where {wanted[first['index']]:.0f} are usual; is the "
-            "image dark, blurred or bare, or are its bits others (--bits)?"
-        )
-        yield {"code": "few_points", "message": message}
-
-
-def _row(row: Row) -> Row:
-    plain = {key: value for key, value in row.items() if key not in ("seconds", "input_hash", "bits", "unknown")}
-    return plain | ({"pinched_vertices": len(row["pinched_vertices"])} if "points" in row else {})
-
-
-def _doubts(rig: Rig) -> Iterator[Warning_]:
-    return ({"code": "calibration", "message": line} for line in doubts(rig))
-
-
-def offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
-    """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
-    if abs(offset) <= max(_LARGE_OFFSET, _SURE * std):
-        return
-    beyond = rig.fx * rig.baseline
-    seen = beyond / max(beyond / _FAR + offset, beyond / _FARTHEST)
-    message = (
-        f"disparities are off by {offset:+.2f} ± {std:.2g} px, as the motion tells; expected less than "
-        f"{_LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {_FAR:g} m are {seen:.3g} m; "
-        "in path and landmarks the offset is taken off"
+    response, quality = frame.response, frame.quality
+    return ComplexRecord(
+        defined=int(response.defined.sum()),
+        points=len(frame.cloud),
+        edges=len(frame.complex_.edges),
+        faces=len(frame.complex_.faces),
+        euler=frame.complex_.euler,
+        pinched_vertices=tuple(pinched_vertices(frame.surface.faces, len(frame.cloud)).tolist()),
+        surface=frame.surface.report.verdict if isinstance(frame.surface, CrustSurface) else "image Delaunay",
+        **vars(quality),
     )
-    yield {"code": "disparity_offset", "message": message}
 
 
-def _warnings(unpaired: Sequence[str], done: list[Row]) -> Iterator[Warning_]:
-    if unpaired:
-        names = ", ".join(unpaired[:3])
-        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner or no stamp: {names}"}
-    pinched = sum(len(unit["pinched_vertices"]) for unit in done)
-    broken = {unit["surface"] for unit in done} - {"image Delaunay", "closed manifold"}
-    for verdict in sorted(broken):
-        yield {"code": "surface", "message": verdict}
-    if pinched and not broken:
-        message = (
-            f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
-        )
-        yield {"code": "pinched_vertices", "message": message}
+def flatten_row(row: Row) -> dict[str, Any]:
+    """A row as one plain mapping, fit for JSON, without what is usual of it.
+
+    Parameters
+    ----------
+    row : FrameRecord or SkippedPair
+
+    Returns
+    -------
+    dict
+        As ``frames/*.json`` and the checkpoint hold it.
+
+    Examples
+    --------
+    >>> flatten_row(FrameRecord(3, "", "third", 0.1, False, False, 80))["landmarks_seen"]
+    80
+    """
+    values = {name: value for name, value in vars(row).items() if value is not None and value != ()}
+    complex_ = values.pop("complex_", None)
+    return values if complex_ is None else values | vars(complex_)
 
 
 def pair_hash(pair: StereoPair) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -16,16 +17,29 @@ from .. import __version__
 from .._files import one_line, read_bytes
 from .._stopwatch import Stopwatch
 from ..errors import InputError
-from ..io import RunFolder, StoredFrame, read_frame, write_bytes, write_frame
-from ..session import Frame, Session
+from ..frame import Frame
+from ..io import RunFolder, read_frame, write_bytes, write_frame
+from ..session import Session
+from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ._checkpoint import pack, unpack
-from .map import merged
-from .record import Row, frame_row, hash_of, pair_hash
+from .map import merge_frames
+from .record import (
+    ComplexRecord,
+    FrameRecord,
+    Row,
+    SkippedPair,
+    flatten_row,
+    hash_of,
+    pair_hash,
+    record_complex,
+    record_frame,
+)
 
+OnFrame = Callable[[Frame], object]
 STATE_NAME = "state.npz"
-_MADE_BY = f"tspslam {__version__}, state 3".encode()  # others' checkpoints do not count
+_MADE_BY = f"tspslam {__version__}, state 4".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
@@ -65,27 +79,30 @@ class SequenceRun:
 
     Attributes
     ----------
-    rows : list of dict
-        One for each pair tried: its numbers, or why it was skipped.
+    rows : list of FrameRecord or SkippedPair
+        One for each pair tried.
+    seconds : dict
+        Time of each stage, s, by the name of the frame; varies from run to run.
     """
 
     def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
         self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
         self.rows: list[Row] = []
+        self.seconds: dict[str, dict[str, float]] = {}
         self._errors: dict[int, InputError] = {}
-        self._writing: list[Future[None]] = []
+        self._writing: list[tuple[int, Future[FrameRecord]]] = []  # place in `rows`, its record once it is written
         self._resume()
         self._saved = len(self.rows)
 
     @property
-    def tracked(self) -> list[Row]:
+    def tracked(self) -> list[FrameRecord]:
         """Rows of the pairs that could be used, each with a pose."""
-        return [row for row in self.rows if "skipped" not in row]
+        return [row for row in self.rows if isinstance(row, FrameRecord)]
 
     @property
-    def stored(self) -> list[Row]:
+    def stored(self) -> list[FrameRecord]:
         """Rows of the frames that have a file: keyframes, lost ones, or all."""
-        return [row for row in self.rows if "points" in row]
+        return [row for row in self.tracked if row.complex_ is not None]
 
     @property
     def last_error(self) -> InputError | None:
@@ -99,11 +116,24 @@ class SequenceRun:
         first = np.diff(path.stamp, prepend=-np.inf) > 0
         return Trajectory(path.stamp[first], path.T_world_camera[first])
 
-    def proceed(self) -> Iterator[tuple[int, int]]:
-        """Process one pair after another, the next one read meanwhile: (pairs done, index)."""
+    def proceed(self, on_frame: OnFrame | None = None) -> Iterator[tuple[int, int]]:
+        """Process one pair after another, the next one read meanwhile.
+
+        Parameters
+        ----------
+        on_frame : callable, optional
+            Called with each `Frame`, before a checkpoint counts it as done.
+
+        Yields
+        ------
+        tuple of 2 int
+            Pairs done, and the index of the last.
+        """
         with ThreadPoolExecutor(1) as self._writer:
             for index, pair in self._read(self.wanted[len(self.rows) :]):
-                self.rows.append(self._process(index, pair))
+                frame = self._process(index, pair)
+                if frame is not None and on_frame is not None:
+                    on_frame(frame)
                 done = len(self.rows)
                 if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
                     self._save()
@@ -129,8 +159,8 @@ class SequenceRun:
             return error
         return pair
 
-    def _process(self, index: int, pair: StereoPair | InputError) -> Row:
-        """Row of one pair; its frame goes to the folder if it carries a complex."""
+    def _process(self, index: int, pair: StereoPair | InputError) -> Frame | None:
+        """Add the row of one pair; its frame goes to the folder if it carries a complex."""
         key = _input_hash(pair, self.session)
         try:
             if isinstance(pair, InputError):
@@ -138,35 +168,38 @@ class SequenceRun:
             frame = self.session.process(pair)
         except InputError as error:
             self._errors[index] = error
-            return {"index": index, "input_hash": key, "skipped": str(error)}
-        row = frame_row(frame, key) | {"seconds": frame.seconds}
-        if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.tracked.is_lost:
+            self.rows.append(SkippedPair(index, key, str(error)))
+            return None
+        row, place = record_frame(frame, pair, key), len(self.rows)
+        self.rows.append(row)
+        self.seconds[frame.name] = frame.seconds
+        if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.is_lost:
             self._wait_for_writing(_BACKLOG)
-            self._writing.append(self._writer.submit(self._store, frame, row, key))
-        return row
+            self._writing.append((place, self._writer.submit(self._store, frame, row)))
+        return frame
 
-    def _store(self, frame: Frame, row: Row, key: str) -> None:
+    def _store(self, frame: Frame, row: FrameRecord) -> FrameRecord:
         """Write a frame and its numbers; one without a complex has a pose, but no file."""
         try:
-            numbers = frame_row(frame, key, with_complex=True)
+            row = replace(row, complex_=record_complex(frame))
         except InputError as error:
             self._errors[frame.index] = error
-            row["no_complex"] = str(error)
-            return
+            return replace(row, no_complex=str(error))
         path, watch = self.folder.frame_path(frame.index), Stopwatch()
         write_frame(path, frame)
-        self.folder.record(path, input_hash=key)
+        self.folder.record(path, input_hash=row.input_hash)
         beside = path.with_suffix(".json")
-        write_bytes(beside, _text(numbers))
-        self.folder.record(beside, input_hash=key)
+        write_bytes(beside, _text(row))
+        self.folder.record(beside, input_hash=row.input_hash)
         watch.lap("write")
-        row |= numbers
-        frame.seconds |= watch.seconds
+        frame.seconds.update(watch.seconds)
+        return row
 
     def _wait_for_writing(self, left: int) -> None:
         """Wait until no more than so many frames are still to be written; what went wrong with them is raised."""
         while len(self._writing) > left:
-            self._writing.pop(0).result()
+            place, written = self._writing.pop(0)
+            self.rows[place] = written.result()
 
     def _save(self) -> None:
         """Write a checkpoint: all that the next frame depends on; of a run that has given nothing yet there is none."""
@@ -174,9 +207,9 @@ class SequenceRun:
         self._saved = len(self.rows)
         if not self.stored:
             return
-        plain, path = [_without_seconds(row) for row in self.rows], self.folder.path / STATE_NAME
-        write_bytes(path, pack(_MADE_BY, plain, self.session.odometry.state()))
-        self.folder.record(path, input_hash=hash_of([row["input_hash"] for row in plain]))
+        path = self.folder.path / STATE_NAME
+        write_bytes(path, pack(_MADE_BY, self.rows, self.session.odometry.state()))
+        self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
@@ -197,7 +230,7 @@ class SequenceRun:
             raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
         for index, row in zip(self.wanted, rows, strict=False):
             self._check_as_before(index, row)
-        places = [row["index"] for row in rows if "skipped" not in row]
+        places = [row.index for row in rows if isinstance(row, FrameRecord)]
         session = Session(self.source.rig, self.session.settings)
         session.odometry.restore(state, lambda number: self._image(places[number]))
         self.session, self.rows = session, rows
@@ -208,45 +241,54 @@ class SequenceRun:
     def _check_as_before(self, index: int, row: Row) -> None:
         """Raise `InputError` unless a row is of that pair as it is now, and its files are what the row says."""
         pair = self._one(index)
-        is_same = row["index"] == index and row["input_hash"] == _input_hash(pair, self.session)
-        if isinstance(pair, InputError):
-            is_same &= row.get("skipped") == str(pair)
-        elif "skipped" not in row:
-            is_same &= (row["name"], row["stamp"]) == (pair.name, pair.stamp)
-        if not is_same or ("points" in row and not self._is_stored(row)):
+        is_same = row.index == index and row.input_hash == _input_hash(pair, self.session)
+        if isinstance(row, SkippedPair):
+            is_same &= not isinstance(pair, InputError) or row.skipped == str(pair)
+        elif isinstance(pair, InputError):
+            is_same = False
+        else:
+            is_same &= (row.name, row.stamp) == (pair.name, pair.stamp)
+            is_same = is_same and (row.complex_ is None or self._is_stored(row, row.complex_))
+        if not is_same:
             raise InputError(f"the images or the files of frame {index} are not those that it was made from")
 
-    def _is_stored(self, row: Row) -> bool:
+    def _is_stored(self, row: FrameRecord, complex_: ComplexRecord) -> bool:
         """Whether a frame's files are as they were left, and of those numbers."""
-        path = self.folder.frame_path(row["index"])
+        path = self.folder.frame_path(row.index)
         files = path, path.with_suffix(".json")
-        if not all(self.folder.is_done(file, input_hash=row["input_hash"]) for file in files):
+        if not all(self.folder.is_done(file, input_hash=row.input_hash) for file in files):
             return False
         frame = read_frame(path)
-        sizes = len(frame.cloud), len(frame.complex_.edges), len(frame.complex_.faces)
-        is_same = sizes == (row["points"], row["edges"], row["faces"]) and frame.index == row["index"]
-        return is_same and read_bytes(files[1], "the numbers of a frame") == _text(row)
+        found = frame.index, frame.is_keyframe, frame.is_lost, *_sizes(frame.complex_)
+        noted = row.index, row.is_keyframe, row.is_lost, complex_.points, complex_.edges, complex_.faces
+        return found == noted and read_bytes(files[1], "the numbers of a frame") == _text(row)
 
 
-def _without_seconds(row: Row) -> Row:
-    return {name: value for name, value in row.items() if name != "seconds"}
+def _text(row: FrameRecord) -> bytes:
+    return (json.dumps(flatten_row(row), indent=1, allow_nan=False) + "\n").encode()
 
 
-def _text(numbers: Row) -> bytes:
-    return (json.dumps(numbers, indent=1, allow_nan=False) + "\n").encode()
+def merge_stored_frames(sequence: SequenceRun) -> Frame:
+    """Lay all stored frames into the world, as one complex.
+
+    Parameters
+    ----------
+    sequence : SequenceRun
+        A finished one.
+
+    Returns
+    -------
+    Frame
+        With places as the whole run has bettered them.
+    """
+    path = sequence.session.trajectory.T_world_camera
+    placed = [(row, T) for row, T in zip(sequence.tracked, path, strict=True) if row.complex_ is not None]
+    frames = (read_frame(sequence.folder.frame_path(row.index)) for row, _ in placed)
+    return merge_frames(frames, np.array([T for _, T in placed]))
 
 
-def folder_name(row: Row) -> str:
-    """Name of a frame's file in its run folder."""
-    return f"frames/{row['index']:06d}.npz"
-
-
-def merged_map(sequence: SequenceRun) -> StoredFrame:
-    """All stored frames in the world, as one complex."""
-    rows, path = sequence.stored, sequence.session.trajectory.T_world_camera
-    place = {row["index"]: number for number, row in enumerate(sequence.tracked)}
-    frames = (read_frame(sequence.folder.frame_path(row["index"])) for row in rows)
-    return merged(frames, path[[place[row["index"]] for row in rows]])
+def _sizes(complex_: Complex) -> tuple[int, int, int]:
+    return complex_.n, len(complex_.edges), len(complex_.faces)
 
 
 def _input_hash(pair: StereoPair | InputError, session: Session) -> str:

@@ -9,7 +9,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ._frame import FrameView as FrameView
     from ._frame import phase_colours as phase_colours
     from .paths import write_path_picture as write_path_picture
     from .paths import write_plan_picture as write_plan_picture
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from .report import write_report as write_report
 
 _HOME = {
-    "FrameView": "_frame",
     "phase_colours": "_frame",
     "write_path_picture": "paths",
     "write_pictures": "pictures",
@@ -25,7 +23,7 @@ _HOME = {
     "write_report": "report",
 }
 
-__all__ = ["FrameView", "phase_colours", "write_path_picture", "write_pictures", "write_plan_picture", "write_report"]
+__all__ = ["phase_colours", "write_path_picture", "write_pictures", "write_plan_picture", "write_report"]
 
 
 def __getattr__(name: str) -> Any:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._checks import require_frame
+from .._checks import require
 from ..errors import InputError
-from ..topology.complex import Complex
+from ..frame import Frame
 from ..types import (
     REC601,
     UNIT_OF,
     BoolArray,
-    Cloud,
     FloatArray,
     Image,
-    Response,
-    Signals,
-    Surface,
     one_channel,
     phase_of,
 )
@@ -29,38 +24,6 @@ FARTHEST_PX = 1e6  # projections beyond it are not drawn
 LIGHTNESS, CHROMA = 0.74, 0.125  # of the phase circle in OKLCh: vivid, and inside sRGB at every hue
 CLIP_PERCENT = (1.0, 99.0)
 CLIP_MARGIN = 0.25  # of the kept range: a torus keeps its rim, a stray point at 500 m does not set the view
-
-
-class FrameView(Protocol):
-    """One frame of a run, as the pictures and the report need it; any object with these attributes will do."""
-
-    @property
-    def name(self) -> str:
-        """What to call the frame."""
-
-    @property
-    def image(self) -> Image:
-        """Left image, (H, W) or (H, W, 3)."""
-
-    @property
-    def cloud(self) -> Cloud:
-        """The points."""
-
-    @property
-    def surface(self) -> Surface:
-        """Their triangles."""
-
-    @property
-    def complex_(self) -> Complex:
-        """The complex on them."""
-
-    @property
-    def signals(self) -> Signals:
-        """What the image shows on each element."""
-
-    @property
-    def response(self) -> Response:
-        """What the filter answers at each vertex."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +42,7 @@ class Shown:
     ok: BoolArray
 
 
-def check_frame(frame: FrameView) -> None:
+def check_frame(frame: Frame) -> None:
     """Refuse a frame whose parts do not belong together.
 
     Raises
@@ -87,10 +50,8 @@ def check_frame(frame: FrameView) -> None:
     InputError
         If the image is empty or not an image, or lengths differ.
     """
-    require_frame(frame)
-    if not hasattr(frame, "image"):
-        raise InputError("view: the frame has no image, as a stored one, expected Session.process(pair) or a FrameView")
-    shape = np.shape(frame.image)
+    require(frame, Frame, "frame")
+    shape = np.shape(image_of(frame))
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] not in (1, 3, 4)):
         raise InputError(f"view: frame {frame.name!r} has an image of shape {shape}, expected (H, W) or (H, W, 3)")
     n, E, F = len(frame.cloud), len(frame.complex_.edges), len(frame.complex_.faces)
@@ -112,6 +73,14 @@ def check_frame(frame: FrameView) -> None:
             raise InputError(f"view: frame {frame.name!r} has {what} of length {seen}, expected {expected}")
 
 
+def image_of(frame: Frame) -> Image:
+    """The left image, (H, W) or (H, W, 3); `InputError` if the frame has none, as one read from a file."""
+    if frame.image is None:
+        way = "expected one of Session.process(pair), or dataclasses.replace(frame, image=pair.left)"
+        raise InputError(f"view: frame {frame.name!r} has no image, {way}")
+    return frame.image
+
+
 def grey(image: Image) -> FloatArray:
     """Luminance of an image for display, (H, W) in [0, 1]; values that are not finite become 0."""
     unit = UNIT_OF.get(image.dtype, 1.0)
@@ -126,20 +95,20 @@ def is_colour(signal: FloatArray) -> bool:
     return signal.ndim == 2 and signal.shape[1] == 3
 
 
-def projected(frame: FrameView) -> BoolArray:
+def projected(frame: Frame) -> BoolArray:
     """(N,) where a vertex has a place in the image and a depth in front of the camera."""
     near = (np.abs(frame.cloud.uv) < FARTHEST_PX).all(axis=1)
     finite = near & np.isfinite(frame.cloud.xyz).all(axis=1)
     return finite & (np.where(finite, frame.cloud.xyz[:, 2], 0.0) > 0)
 
 
-def depth(frame: FrameView) -> Shown:
+def depth(frame: Frame) -> Shown:
     """Depth z of each vertex, m."""
     ok = projected(frame)
     return Shown(np.where(ok, frame.cloud.xyz[:, 2], 0.0), ok)
 
 
-def log_magnitude(frame: FrameView) -> tuple[Shown, int]:
+def log_magnitude(frame: Frame) -> tuple[Shown, int]:
     """``log10 |r|`` of each vertex where r is defined and not 0, and the number of vertices where it is exactly 0.
 
     The filter is linear, so the mean over channels is the response to the mean signal.
@@ -150,7 +119,7 @@ def log_magnitude(frame: FrameView) -> tuple[Shown, int]:
     return Shown(np.log10(np.where(ok, magnitude, 1.0)), ok), int((defined & (magnitude == 0)).sum())
 
 
-def phase(frame: FrameView) -> Shown:
+def phase(frame: Frame) -> Shown:
     """``arg r`` of each vertex where r is defined and not 0, in (-π, π], rad."""
     z = one_channel(frame.response.z)
     ok = frame.response.defined & np.isfinite(z) & (z != 0)
@@ -206,7 +175,7 @@ def wide(low: float, high: float) -> bool:
     return low > 0 and high / low > 8
 
 
-def in_view(frame: FrameView) -> BoolArray:
+def in_view(frame: Frame) -> BoolArray:
     """Mark the vertices, (N,), that a view in space shows: in the 1-99 % range of each axis, a quarter wider."""
     keep = projected(frame)
     if keep.any():

@@ -9,9 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from ..frame import Frame
 from ..types import BoolArray, FloatArray, one_channel
 from ._frame import (
-    FrameView,
     Shown,
     depth,
     in_view,
@@ -72,7 +72,7 @@ class _Mesh:
     rows: NDArray[np.int64]  # rows of the complex's faces
 
 
-def scene_views(frame: FrameView) -> list[View]:
+def scene_views(frame: Frame) -> list[View]:
     """Build the traces of each signal; without faces there are dots, without points there is no view."""
     keep = in_view(frame)
     if not keep.any():
@@ -125,7 +125,7 @@ def _bounds(traces: list[Trace]) -> tuple[FloatArray, FloatArray]:
     return low - pad, high + pad
 
 
-def thinned(frame: FrameView) -> str:
+def thinned(frame: Frame) -> str:
     """Say what the interactive scene leaves out, for its caption; empty if nothing."""
     keep = in_view(frame)
     hidden = int((~keep).sum())
@@ -143,7 +143,7 @@ def _step(count: int, most: int) -> int:
     return max(1, -(-count // most))
 
 
-def _mesh(frame: FrameView, keep: BoolArray) -> _Mesh:
+def _mesh(frame: Frame, keep: BoolArray) -> _Mesh:
     faces = frame.complex_.faces
     rows = np.flatnonzero(keep[faces].all(axis=1))
     rows = rows[:: _step(len(rows), MAX_FACES)]
@@ -164,7 +164,7 @@ def _upright(xyz: FloatArray) -> NDArray[np.float32]:
     return np.stack([xyz[:, 0], xyz[:, 2], -xyz[:, 1]], axis=1).astype(np.float32)
 
 
-def _levels(frame: FrameView) -> list[tuple[str, str, Shown, Any]]:
+def _levels(frame: Frame) -> list[tuple[str, str, Shown, Any]]:
     """Label, unit, values at the vertices, and colour scale of what vertices carry."""
     luminance = Shown(one_channel(frame.signals.vertex), frame.signals.vertex_ok)
     cyclic = ["#" + "".join(f"{c:02x}" for c in rgb) for rgb in np.rint(255 * phase_colours(25)).astype(int)]
@@ -176,14 +176,14 @@ def _levels(frame: FrameView) -> list[tuple[str, str, Shown, Any]]:
     ]
 
 
-def _depth(frame: FrameView) -> tuple[str, Shown]:
+def _depth(frame: Frame) -> tuple[str, Shown]:
     shown = depth(frame)
     if not wide(*limits(shown.values[shown.ok])):
         return "z [m]", shown
     return LOG_DEPTH, Shown(np.log10(np.where(shown.ok, shown.values, 1.0)), shown.ok)
 
 
-def _face_views(frame: FrameView, mesh: _Mesh) -> list[View]:
+def _face_views(frame: Frame, mesh: _Mesh) -> list[View]:
     faces = frame.complex_.faces
     luminance = Shown(one_channel(frame.signals.face), frame.signals.face_ok)
     views = [View("Face signal", _coloured(mesh, luminance, LUMINANCE, GREYS))]
@@ -270,7 +270,7 @@ def _colour_bar(unit: str, low: float, high: float) -> dict[str, Any]:
     return bar
 
 
-def _dot_views(frame: FrameView, mesh: _Mesh) -> list[View]:
+def _dot_views(frame: Frame, mesh: _Mesh) -> list[View]:
     views = []
     for label, unit, shown, scale in _levels(frame):
         ok = shown.ok[mesh.vertices]
@@ -286,7 +286,7 @@ def _dot_views(frame: FrameView, mesh: _Mesh) -> list[View]:
     return views
 
 
-def _edge_view(frame: FrameView, keep: BoolArray) -> View | None:
+def _edge_view(frame: Frame, keep: BoolArray) -> View | None:
     """Edges with a signal, as lines in its colour."""
     signals, edges = frame.signals, frame.complex_.edges
     rows = np.flatnonzero(signals.edge_ok & keep[edges].all(axis=1))

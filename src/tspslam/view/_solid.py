@@ -10,9 +10,10 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..frame import Frame
 from ..types import BoolArray, FloatArray
 from . import _style as style
-from ._frame import FrameView, in_view
+from ._frame import in_view
 
 YAW, PITCH = -28.0, 20.0  # degrees: where the viewer stands, to the left of the camera and above it
 NEAR = 0.05  # of the viewer's distance: nearer things are not drawn
@@ -60,7 +61,7 @@ def viewer_of(xyz: FloatArray) -> Viewer:
 
 
 def solid_page(
-    frame: FrameView,
+    frame: Frame,
     title: str,
     caption: str,
     *,
@@ -88,7 +89,7 @@ def solid_page(
     return figure, axes
 
 
-def in_space(frame: FrameView) -> tuple[Rows, Rows]:
+def in_space(frame: Frame) -> tuple[Rows, Rows]:
     """Find the vertices and the faces that a view in space shows; without faces, every vertex in view."""
     keep = in_view(frame)
     faces = np.flatnonzero(keep[frame.complex_.faces].all(axis=1))

@@ -14,14 +14,15 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from .._atomic import make_folder, write_bytes
+from ..frame import Frame
 from ..types import BoolArray, FloatArray, one_channel
 from . import _solid as solid
 from . import _style as style
 from ._frame import (
-    FrameView,
     Shown,
     check_frame,
     depth,
+    image_of,
     is_colour,
     limits,
     log_magnitude,
@@ -46,12 +47,12 @@ STRONGEST = 0.1  # share of the vertices that carry an arrow
 DEPTH_MAP, SIGNAL_MAP, MAGNITUDE_MAP = "viridis", "viridis", "inferno"
 
 
-def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
+def write_pictures(frame: Frame, folder: str | Path) -> list[Path]:
     """Write every picture of a frame as PNG; one set of versions gives the same frame the same bytes.
 
     Parameters
     ----------
-    frame : FrameView
+    frame : Frame
         What to show.
     folder : path
         Where to; made if it does not exist.
@@ -72,22 +73,20 @@ def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
     Examples
     --------
     >>> import tempfile
-    >>> from types import SimpleNamespace
-    >>> from tspslam import Cloud, Surface, build_complex, sample_signals, tmahf
-    >>> uv = np.array([[2.0, 2], [17, 3], [3, 16], [16, 17], [9, 10]])
+    >>> from tspslam import Cloud, Frame, Rig, Surface, build_complex, sample_signals, tmahf
+    >>> uv, rig = np.array([[2.0, 2], [17, 3], [3, 16], [16, 17], [9, 10]]), Rig(20, 20, 9, 9, width=20, height=20)
     >>> cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(5))
     >>> surface = Surface(np.array([[0, 1, 4], [1, 3, 4], [3, 2, 4], [2, 0, 4]], np.int32))
     >>> complex_, image = build_complex(surface.faces, 5), np.eye(20)
     >>> signals = sample_signals(image, uv, complex_)
     >>> response = tmahf(complex_, uv, signals, order=1)
-    >>> frame = SimpleNamespace(name="toy", image=image, cloud=cloud, surface=surface, complex_=complex_)
-    >>> frame.signals, frame.response = signals, response
+    >>> frame = Frame(0, 0.0, "toy", rig, cloud, surface, complex_, signals, response, image=image)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [path.stem for path in write_pictures(frame, folder)][:3]
     ['keypoints', 'keypoints_depth', 'mesh_depth']
     """
     check_frame(frame)
-    pictures: dict[str, Callable[[FrameView], Figure]] = {
+    pictures: dict[str, Callable[[Frame], Figure]] = {
         "keypoints": keypoints_picture,
         "keypoints_depth": keypoint_depth_picture,
         "mesh_depth": mesh_depth_picture,
@@ -107,31 +106,31 @@ def write_pictures(frame: FrameView, folder: str | Path) -> list[Path]:
     return paths
 
 
-def depth_classes(frame: FrameView) -> Counts:
+def depth_classes(frame: Frame) -> Counts:
     """Count the points in each class of depth of the paper's Figure 4, then those without a depth or a place, (5,)."""
     ok = projected(frame)
     counts = np.bincount(_class_of(frame)[ok], minlength=4)
     return np.array([*counts, (~ok).sum()])
 
 
-def nearly_one_class(frame: FrameView) -> bool:
+def nearly_one_class(frame: Frame) -> bool:
     """Tell whether one class of depth holds nine tenths of the points or more."""
     counts = depth_classes(frame)[:4]
     return bool(counts.sum() > 0 and counts.max() >= ONE_CLASS * counts.sum())
 
 
-def _class_of(frame: FrameView) -> Counts:
+def _class_of(frame: Frame) -> Counts:
     return np.digitize(depth(frame).values, DEPTH_BOUNDS)
 
 
-def keypoints_picture(frame: FrameView) -> Figure:
+def keypoints_picture(frame: Frame) -> Figure:
     """Draw the keypoints on the left image in the paper's four classes of depth (Figure 4), with counts."""
     counts = depth_classes(frame)
     n = len(frame.cloud)
     caption = f"{_count(n, 'point')}; colour: class of depth z."
     caption += _missing(int(counts[4]), "point", "without a place in the image or a depth")
     figure, axes = style.image_page(
-        frame.image, "Keypoints by class of depth", frame.name, caption, side=False, tone="plain"
+        image_of(frame), "Keypoints by class of depth", frame.name, caption, side=False, tone="plain"
     )
     uv, ok, which = frame.cloud.uv, projected(frame), _class_of(frame)
     for k, (_, colour) in enumerate(DEPTH_CLASSES):
@@ -158,18 +157,18 @@ def _padded(count: int, digits: int) -> str:
     return str(count).rjust(digits, "\N{FIGURE SPACE}")
 
 
-def keypoint_depth_picture(frame: FrameView) -> Figure:
+def keypoint_depth_picture(frame: Frame) -> Figure:
     """Draw the keypoints on the left image, coloured by depth on a continuous scale."""
     shown = depth(frame)
     caption = f"{_count(int(shown.ok.sum()), 'point')}; colour: depth z, from the 1st to the 99th percentile."
-    figure, axes = style.image_page(frame.image, "Keypoints by depth", frame.name, caption, side=True, tone="light")
+    figure, axes = style.image_page(image_of(frame), "Keypoints by depth", frame.name, caption, side=True, tone="light")
     norm = _depth_norm(shown)
     _dots(axes, frame.cloud.uv[shown.ok], style.colours(shown.values[shown.ok], norm, DEPTH_MAP), len(frame.cloud))
     _bar(figure, axes, shown, norm, DEPTH_MAP, "depth z [m]")
     return figure
 
 
-def mesh_depth_picture(frame: FrameView) -> Figure:
+def mesh_depth_picture(frame: Frame) -> Figure:
     """Draw the mesh over the image, each face in the mean depth of its vertices; edges without a face as lines."""
     faces = frame.complex_.faces
     at_faces = on_faces(faces, depth(frame))
@@ -180,7 +179,7 @@ def mesh_depth_picture(frame: FrameView) -> Figure:
         "colour: mean depth of a face's vertices."
     )
     caption += _missing(len(faces) - int(drawable.sum()), "face", "that the camera does not see whole")
-    figure, axes = style.image_page(frame.image, "Mesh by depth", frame.name, caption, side=True, tone="light")
+    figure, axes = style.image_page(image_of(frame), "Mesh by depth", frame.name, caption, side=True, tone="light")
     norm = _depth_norm(shown)
     _edges(axes, frame, "#33404d", 0.3)
     _faces(
@@ -196,7 +195,7 @@ def mesh_depth_picture(frame: FrameView) -> Figure:
     return figure
 
 
-def signals_picture(frame: FrameView) -> Figure:
+def signals_picture(frame: Frame) -> Figure:
     """Draw the edge and face signals at their barycentres (Figure 6): squares for edges, circles for faces.
 
     A signal with three channels is drawn in its colours; any other number of channels by their mean.
@@ -211,7 +210,7 @@ def signals_picture(frame: FrameView) -> Figure:
     )
     caption += _missing(int((~both.ok).sum()), "element", "without a signal")
     figure, axes = style.image_page(
-        frame.image, "Edge and face signals", frame.name, caption, side=not rgb, tone="light"
+        image_of(frame), "Edge and face signals", frame.name, caption, side=not rgb, tone="light"
     )
     norm = _norm(both, 0, 100)
     levels = [(edge, signals.edge, signals.edge_uv, "s"), (face, signals.face, signals.face_uv, "o")]
@@ -223,13 +222,13 @@ def signals_picture(frame: FrameView) -> Figure:
     return figure
 
 
-def magnitude_picture(frame: FrameView) -> Figure:
+def magnitude_picture(frame: Frame) -> Figure:
     """Draw ``log10 |r|`` at the vertices over the dimmed image (Figure 9, top); faces show their vertices' mean."""
     shown, zeros = log_magnitude(frame)
     shown = Shown(shown.values, shown.ok & projected(frame))
     caption = f"Response of order {frame.response.order} at {_of(shown.ok)} vertices; faces: mean of their vertices."
     caption += _missing(zeros, "vertex", "where it is exactly 0") + _undefined(frame)
-    figure, axes = style.image_page(frame.image, "Response magnitude", frame.name, caption, side=True, tone="dark")
+    figure, axes = style.image_page(image_of(frame), "Response magnitude", frame.name, caption, side=True, tone="dark")
     norm = _norm(shown)
     _filled(axes, frame, on_faces(frame.complex_.faces, shown), norm, MAGNITUDE_MAP)
     _dots(axes, frame.cloud.uv[shown.ok], style.colours(shown.values[shown.ok], norm, MAGNITUDE_MAP), len(shown.ok))
@@ -237,7 +236,7 @@ def magnitude_picture(frame: FrameView) -> Figure:
     return figure
 
 
-def phase_picture(frame: FrameView) -> Figure:
+def phase_picture(frame: Frame) -> Figure:
     """Draw ``arg r`` at the vertices over the dimmed image (Figure 9, bottom), arrows on the strongest tenth.
 
     An arrow points in the direction ψ = arg(r)/m, v down: for m = 1 from dark to bright; for m > 1 it is one of m
@@ -251,7 +250,7 @@ def phase_picture(frame: FrameView) -> Figure:
         meaning = "from dark to bright" if order == 1 else f"one of {order} equivalent directions"
         caption += f" Arrows: the strongest tenth, {meaning}."
     caption += _missing(log_magnitude(frame)[1], "vertex", "where it is exactly 0") + _undefined(frame)
-    figure, axes = style.image_page(frame.image, "Response phase", frame.name, caption, side=True, tone="dark")
+    figure, axes = style.image_page(image_of(frame), "Response phase", frame.name, caption, side=True, tone="dark")
     norm, cmap = Normalize(-np.pi, np.pi), style.phase_map()
     _filled(axes, frame, phase_on_faces(frame.complex_.faces, shown), norm, cmap)
     _dots(axes, frame.cloud.uv[shown.ok], style.colours(shown.values[shown.ok], norm, cmap), len(shown.ok))
@@ -261,7 +260,7 @@ def phase_picture(frame: FrameView) -> Figure:
     return figure
 
 
-def signal_view(frame: FrameView) -> Figure:
+def signal_view(frame: Frame) -> Figure:
     """Draw the mesh in space, each face in its mean luminance, or colour where the signal has three channels."""
     signals = frame.signals
     what = "its mean colour" if is_colour(signals.face) else "its mean luminance"
@@ -277,7 +276,7 @@ def signal_view(frame: FrameView) -> Figure:
     return figure
 
 
-def magnitude_view(frame: FrameView) -> Figure:
+def magnitude_view(frame: Frame) -> Figure:
     """Draw the mesh in space, each face coloured by the mean ``log10 |r|`` of its vertices."""
     shown, zeros = log_magnitude(frame)
     at_faces = on_faces(frame.complex_.faces, shown)
@@ -297,7 +296,7 @@ def magnitude_view(frame: FrameView) -> Figure:
     return figure
 
 
-def _space_caption(frame: FrameView, what: str, face_ok: BoolArray) -> str:
+def _space_caption(frame: Frame, what: str, face_ok: BoolArray) -> str:
     points, faces = solid.in_space(frame)
     if not len(faces):
         return f"{_count(len(points), 'point')} from the side; no face to show."
@@ -337,7 +336,7 @@ def _dots(axes: Axes, uv: FloatArray, colours: FloatArray | str, count: float, m
 
 
 def _faces(
-    axes: Axes, frame: FrameView, which: BoolArray, colours: FloatArray, *, alpha: float, edge: str, width: float
+    axes: Axes, frame: Frame, which: BoolArray, colours: FloatArray, *, alpha: float, edge: str, width: float
 ) -> None:
     corners = frame.cloud.uv[frame.complex_.faces[which]]
     triangles = PolyCollection(
@@ -347,7 +346,7 @@ def _faces(
     axes.add_collection(triangles, autolim=False)
 
 
-def _edges(axes: Axes, frame: FrameView, colour: str, width: float) -> None:
+def _edges(axes: Axes, frame: Frame, colour: str, width: float) -> None:
     ends = frame.complex_.edges
     whole = projected(frame)[ends].all(axis=1)
     axes.add_collection(
@@ -355,18 +354,18 @@ def _edges(axes: Axes, frame: FrameView, colour: str, width: float) -> None:
     )
 
 
-def _filled(axes: Axes, frame: FrameView, at_faces: Shown, norm: Normalize, cmap: Colormap | str) -> None:
+def _filled(axes: Axes, frame: Frame, at_faces: Shown, norm: Normalize, cmap: Colormap | str) -> None:
     which = at_faces.ok & projected(frame)[frame.complex_.faces].all(axis=1)
     colours = style.colours(at_faces.values[which], norm, cmap)
     _faces(axes, frame, which, colours, alpha=0.68, edge="#10151b", width=0.12)
 
 
-def _arrows(axes: Axes, frame: FrameView, shown: Shown) -> None:
+def _arrows(axes: Axes, frame: Frame, shown: Shown) -> None:
     ok = np.flatnonzero(shown.ok)
     magnitude = log_magnitude(frame)[0].values[ok]
     strongest = ok[np.argsort(-magnitude, kind="stable")[: int(np.ceil(STRONGEST * len(ok)))]]
     psi = shown.values[strongest] / frame.response.order
-    length = 0.022 * max(frame.image.shape[:2])
+    length = 0.022 * max(image_of(frame).shape[:2])
     du, dv = length * np.cos(psi), length * np.sin(psi)
     u, v = frame.cloud.uv[strongest].T
     axes.quiver(
@@ -388,5 +387,5 @@ def _missing(number: int, what: str, why: str) -> str:
     return f" Left out: {_count(number, what)} {why}." if number else ""
 
 
-def _undefined(frame: FrameView) -> str:
+def _undefined(frame: Frame) -> str:
     return _missing(int((~frame.response.defined).sum()), "vertex", "where it is not defined")

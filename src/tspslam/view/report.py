@@ -16,7 +16,8 @@ from PIL import Image as PillowImage
 from .. import __version__
 from .._atomic import make_folder, write_bytes
 from ..errors import InputError
-from ._frame import FrameView, check_frame
+from ..frame import Frame
+from ._frame import check_frame
 from ._page import SCRIPT, STYLE
 
 CITATION = (
@@ -74,7 +75,7 @@ CAPTIONS = {
 }
 
 
-def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Path], path: str | Path) -> Path:
+def write_report(frame: Frame, run: Mapping[str, Any], pictures: Sequence[Path], path: str | Path) -> Path:
     """Write a report as one HTML file that loads nothing from anywhere.
 
     It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. Of a
@@ -83,7 +84,7 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
 
     Parameters
     ----------
-    frame : FrameView
+    frame : Frame
         The frame to show; of several, the selected one. Signals and responses with channels show their mean.
     run : mapping
         Numbers of the run: what ``run.json`` holds, or others. ``frames`` over 1 makes it a run of several. Plain
@@ -110,13 +111,12 @@ def write_report(frame: FrameView, run: Mapping[str, Any], pictures: Sequence[Pa
     Examples
     --------
     >>> import tempfile
-    >>> from types import SimpleNamespace
-    >>> from tspslam import Cloud, Response, Surface, build_complex, sample_signals
+    >>> from tspslam import Cloud, Frame, Response, Rig, Surface, build_complex, sample_signals
     >>> uv, faces, image = np.array([[1.0, 1], [8, 2], [3, 7]]), np.array([[0, 1, 2]], np.int32), np.eye(10)
-    >>> frame = SimpleNamespace(name="toy", image=image, surface=Surface(faces), complex_=build_complex(faces, 3))
-    >>> frame.cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(3))
-    >>> frame.signals = sample_signals(image, uv, frame.complex_)
-    >>> frame.response = Response(np.ones(3, complex), 1, np.ones(3, bool))
+    >>> rig, complex_ = Rig(10, 10, 5, 5, width=10, height=10), build_complex(faces, 3)
+    >>> cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(3))
+    >>> signals, response = sample_signals(image, uv, complex_), Response(np.ones(3, complex), 1, np.ones(3, bool))
+    >>> frame = Frame(0, 0.0, "toy", rig, cloud, Surface(faces), complex_, signals, response, image=image)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     page = write_report(frame, {"status": "complete", "frames": 1}, [], f"{folder}/report.html")
     ...     page.read_text(encoding="utf-8")[:15]
@@ -152,7 +152,7 @@ def _is_of_several(run: Mapping[str, Any]) -> bool:
     return isinstance(frames, int) and frames > 1
 
 
-def _title(frame: FrameView, run: Mapping[str, Any]) -> str:
+def _title(frame: Frame, run: Mapping[str, Any]) -> str:
     return str(run.get("source", frame.name)) if _is_of_several(run) else frame.name
 
 
@@ -161,7 +161,7 @@ def _tiles(tiles: Sequence[tuple[str, Any]]) -> str:
     return f'<div class="tiles">{cells}</div>'
 
 
-def _sizes(frame: FrameView) -> list[tuple[str, Any]]:
+def _sizes(frame: Frame) -> list[tuple[str, Any]]:
     complex_ = frame.complex_
     return [
         ("points", complex_.n),
@@ -182,7 +182,7 @@ def _counts(run: Mapping[str, Any]) -> list[tuple[str, Any]]:
     return [(key, counts[key]) for key in order if key in counts]
 
 
-def _shown(frame: FrameView, run: Mapping[str, Any]) -> str:
+def _shown(frame: Frame, run: Mapping[str, Any]) -> str:
     """Which of several frames the rest of the page shows, and its sizes."""
     if not _is_of_several(run):
         return ""
@@ -193,7 +193,7 @@ def _shown(frame: FrameView, run: Mapping[str, Any]) -> str:
     )
 
 
-def _header(frame: FrameView, run: Mapping[str, Any]) -> str:
+def _header(frame: Frame, run: Mapping[str, Any]) -> str:
     tiles = _counts(run) if _is_of_several(run) else _sizes(frame)
     status = str(run.get("status", ""))
     tone = "good" if status == "complete" else "note"
@@ -214,7 +214,7 @@ def _warnings(warnings: Any) -> str:
     return f'<section class="warnings"><h2>Warnings</h2><ul>{"".join(items)}</ul></section>' if items else ""
 
 
-def _scene(frame: FrameView) -> str:
+def _scene(frame: Frame) -> str:
     from ._scene import scene_figure, scene_views, thinned
 
     views = scene_views(frame)

@@ -253,11 +253,6 @@ class StereoOdometry:
         return self.mapper.unsolved
 
     @property
-    def landmark_count(self) -> int:
-        """How many landmarks the map has."""
-        return len(self.map.xyz)
-
-    @property
     def trajectory(self) -> Trajectory:
         """Poses of all frames so far, those of keyframes as adjusted since."""
         return self.path.trajectory(self.map)

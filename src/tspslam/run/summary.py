@@ -1,0 +1,202 @@
+"""What ``run.json`` says of a whole run, and what the run warns of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..session import Odometry, Session
+from ..types import Rig
+from ..vision.rig import doubts
+from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
+
+_LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
+_FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
+
+
+Warning_ = dict[str, str]
+
+# Points in a cloud, as a share of the keypoints that the image should have: below it a cloud is almost empty. Of 42
+# frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
+# 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
+_FEW = 0.08
+_AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
+
+
+def summarize_run(
+    source: str, rows: Sequence[Row], session: Session, *, settings_hash: str, unpaired: Sequence[str] = ()
+) -> dict[str, Any]:
+    """What ``run.json`` holds; nothing in it varies when the run is repeated.
+
+    Parameters
+    ----------
+    source : str
+        What was processed.
+    rows : sequence of FrameRecord or SkippedPair
+        One for each pair, at least one of them with a complex.
+    session : Session
+        What processed them.
+    settings_hash : str
+        Hash of the settings.
+    unpaired : sequence of str
+        Images without a partner.
+
+    Returns
+    -------
+    dict
+        Plain values, fit for JSON.
+    """
+    odometry = session.odometry
+    tracked = [row for row in rows if isinstance(row, FrameRecord)]
+    stored = [row.complex_ for row in tracked if row.complex_ is not None]
+    lost = sum(row.is_lost for row in tracked)
+    defined = sum(each.defined for each in stored)
+    bits = next(({"bits": row.bits} for row in tracked if row.bits is not None), {})
+    is_bare = any(row.no_complex is not None for row in tracked)
+    is_degraded = len(tracked) < len(rows) or lost or is_bare or odometry.unsolved or not defined
+    return {
+        "status": "degraded" if is_degraded else "complete",
+        "source": source,
+        "frames": len(rows),
+        "tracked": len(tracked) - lost,
+        "keyframes": sum(row.is_keyframe for row in tracked),
+        "landmarks": len(odometry.map.xyz),
+        "loops": odometry.loops,
+        "complex": _sizes(stored),
+        "calibration": _calibration(stored, odometry if len(tracked) > 1 else None) | bits,
+        "warnings": list(_warnings(rows, session, unpaired)),
+        "per_frame": [_row(row) for row in tracked],
+        "versions": versions(),
+        "seeds": {"recognition": 0},
+        "input_hash": hash_of([row.input_hash for row in rows]),
+        "settings_hash": settings_hash,
+    }
+
+
+def _sizes(stored: list[ComplexRecord]) -> dict[str, int]:
+    names = {"n": "points", "edges": "edges", "faces": "faces", "euler": "euler"}
+    return {key: sum(getattr(each, name) for each in stored) for key, name in names.items()}
+
+
+def _calibration(stored: list[ComplexRecord], odometry: Odometry | None) -> dict[str, Any]:
+    """How far the rig is off: as the images tell, and as the motion does, if there was one."""
+    offset, std = (None, None) if odometry is None else odometry.disparity_offset
+    return {
+        "vertical_offset_px": float(np.median([each.vertical_offset_px for each in stored])),
+        "vertical_offset_std_px": stored[0].vertical_offset_std_px,
+        "disparity_offset_px": offset,
+        "disparity_offset_std_px": std,
+    }
+
+
+def _row(row: FrameRecord) -> dict[str, Any]:
+    """A row of ``per_frame``."""
+    plain = {name: value for name, value in flatten_row(row).items() if name not in ("input_hash", "bits", "unknown")}
+    return plain | ({"pinched_vertices": len(row.complex_.pinched_vertices)} if row.complex_ else {})
+
+
+def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) -> Iterator[Warning_]:
+    odometry, rig = session.odometry, session.rig
+    tracked = [row for row in rows if isinstance(row, FrameRecord)]
+    stored = [row.complex_ for row in tracked if row.complex_ is not None]
+    yield from _troubles(rows, odometry)
+    for line in doubts(rig):
+        yield {"code": "calibration", "message": line}
+    if len(tracked) > 1:
+        yield from offset_doubts(rig, *odometry.disparity_offset)
+    yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
+    yield from _few_points(tracked, session)
+    yield from no_response(sum(each.defined for each in stored))
+    yield from _surfaces(unpaired, stored)
+
+
+def _troubles(rows: Sequence[Row], odometry: Odometry) -> Iterator[Warning_]:
+    """What went wrong with frames and the map."""
+    for row in rows:
+        if isinstance(row, SkippedPair):
+            yield {"code": "frame_skipped", "message": f"frame {row.index}: {row.skipped}"}
+        elif row.no_complex is not None and not row.is_lost:
+            yield {"code": "no_complex", "message": f"frame {row.index} has a pose, but: {row.no_complex}"}
+    tracked = [row for row in rows if isinstance(row, FrameRecord)]
+    lost = [row.index for row in tracked if row.is_lost]
+    if lost:
+        message = (
+            f"tracking was lost in {len(lost)} of {len(rows)} frames, first in frame {lost[0]}: "
+            "their poses are those of a steady motion"
+        )
+        yield {"code": "tracking_lost", "message": message}
+    repeated = len(tracked) - len({row.stamp for row in tracked})
+    if repeated:
+        message = f"{repeated} frames have the stamp of the one before and no line in the trajectory"
+        yield {"code": "equal_stamps", "message": message}
+    if odometry.unsolved:
+        message = f"{odometry.unsolved} adjustments of the map had no solution"
+        yield {"code": "adjustment", "message": message}
+
+
+def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:
+    """What was decided of pixels and of a map's values that a user may know better."""
+    if bits is not None and bits < 16:
+        message = f"16-bit pixels use {bits} bits: taken {1 << (16 - bits)} times as bright (--bits for another number)"
+        yield {"code": "bits", "message": message}
+    if unknown:
+        said = " and ".join(f"{value:g}" for value in unknown)
+        message = f"{said} in the map stands for 'not known', by how common it is (--unknown for another value)"
+        yield {"code": "unknown", "message": message}
+
+
+def no_response(defined: int) -> Iterator[Warning_]:
+    """That nothing came of it all, where no vertex has a response."""
+    if not defined:
+        message = (
+            "no vertex has a response: none has a signal and two neighbours or more that have one, in other places"
+        )
+        yield {"code": "no_response", "message": message}
+
+
+def _few_points(tracked: list[FrameRecord], session: Session) -> Iterator[Warning_]:
+    """Frames whose clouds are almost empty for their images."""
+    rig, count = session.rig, getattr(session.settings.detector, "count", None)
+    fits = rig.width * rig.height / _AREA
+    stored = [(row.index, row.complex_) for row in tracked if row.complex_ is not None]
+    usual = [min(count if isinstance(count, int) else each.keypoints_left, fits) for _, each in stored]
+    few = [(*row, wanted) for row, wanted in zip(stored, usual, strict=True) if row[1].points < _FEW * wanted]
+    if few:
+        index, first, wanted = few[0]
+        message = (
+            f"{len(few)} of {len(stored)} clouds are almost empty, first frame {index}: {first.points} "
+            f"points of {first.keypoints_left} keypoints, where {wanted:.0f} are usual; is the "
+            "image dark, blurred or bare, or are its bits others (--bits)?"
+        )
+        yield {"code": "few_points", "message": message}
+
+
+def offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
+    """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
+    if abs(offset) <= max(_LARGE_OFFSET, _SURE * std):
+        return
+    beyond = rig.fx * rig.baseline
+    seen = beyond / max(beyond / _FAR + offset, beyond / _FARTHEST)
+    message = (
+        f"disparities are off by {offset:+.2f} ± {std:.2g} px, as the motion tells; expected less than "
+        f"{_LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {_FAR:g} m are {seen:.3g} m; "
+        "in path and landmarks the offset is taken off"
+    )
+    yield {"code": "disparity_offset", "message": message}
+
+
+def _surfaces(unpaired: Sequence[str], stored: list[ComplexRecord]) -> Iterator[Warning_]:
+    if unpaired:
+        names = ", ".join(unpaired[:3])
+        yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner or no stamp: {names}"}
+    pinched = sum(len(each.pinched_vertices) for each in stored)
+    broken = {each.surface for each in stored} - {"image Delaunay", "closed manifold"}
+    for verdict in sorted(broken):
+        yield {"code": "surface", "message": verdict}
+    if pinched and not broken:
+        message = (
+            f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
+        )
+        yield {"code": "pinched_vertices", "message": message}
