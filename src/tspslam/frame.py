@@ -111,7 +111,8 @@ class Frame:
 
     `Session.process`, `io.read_frame` and ``interop.from_...`` give one; files, pictures and reports take one. Each
     part (cloud, surface, complex, signals, response, landmark, quality) may be given as a value, or as a function that
-    computes it when it is first asked for, whichever thread asks; what the function raised is raised at each ask. ``dataclasses.replace`` computes the parts that it keeps.
+    computes it when it is first asked for, whichever thread asks; what the function raised is raised at each ask.
+    ``dataclasses.replace`` computes the parts that it keeps.
 
     Attributes
     ----------

@@ -144,8 +144,8 @@ ARRAYS = {
     "a keyframe twice": lambda state: state["keyframe_index"].__setitem__(1, state["keyframe_index"][0]),
     "a keyframe that is no frame": put("keyframe_index", -1, FRAMES),
     "stamps that fall": lambda state: state.update(stamps=state["stamps"][::-1].copy()),
-    "an offset without an end": put("offset", 1, 0.0),
-    "an offset as wide as the image": put("offset", 0, 1e4),
+    "an offset without an end": put("bias", 1, 0.0),
+    "an offset as wide as the image": put("bias", 0, 1e4),
     "a scalar for an array": lambda state: state.update(stamps=np.array(0.0)),
     "no keyframes": lambda state: state.update(
         {name: values[:0] for name, values in state.items() if name.startswith("keyframe")}
@@ -226,9 +226,9 @@ def test_a_header_of_sixteen_tebibytes_takes_no_memory(changed):
 
 @pytest.mark.parametrize("header", ["{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "[" * 9000, "("])
 def test_a_header_that_is_not_ours_does_not_count(changed, header):
-    rows, said = changed(raw("offset", header))
+    rows, said = changed(raw("bias", header))
     assert rows == []
-    assert "array offset has no header of ours" in said[0]
+    assert "array bias has no header of ours" in said[0]
 
 
 @pytest.mark.parametrize("data", [b"x", b"PK\x05\x06" + bytes(18), b"[" * 1000])

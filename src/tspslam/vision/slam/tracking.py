@@ -127,15 +127,15 @@ class Tracked:
         Whether too few landmarks were found: the pose is that of a steady motion.
     stereo : Stereo or None
         What both images show, where that was looked for.
+    seconds : dict
+        Time of following, of the points of a keyframe, of adding it to the map, and of waiting for an adjustment, s;
+        varies from run to run.
     landmark : (K,) int64
         Numbers of the landmarks that it sees (`Map.landmark_id`), which stay.
     uv : (K, 2) float64
         Where, px.
     disparity : (K,) float64
         As measured, px; NaN where not known.
-    seconds : dict
-        Time of following, of the points of a keyframe, of adding it to the map, and of waiting for an adjustment, s;
-        varies from run to run.
     """
 
     T_world_camera: FloatArray
@@ -144,10 +144,10 @@ class Tracked:
     is_keyframe: bool
     is_lost: bool
     stereo: Stereo | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
     landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     uv: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     disparity: FloatArray = field(default_factory=lambda: np.empty(0))
-    seconds: dict[str, float] = field(default_factory=dict)
 
     def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
         """Tell which landmark each point of the frame's cloud is.
