@@ -273,9 +273,7 @@ def undocumented(node: ast.FunctionDef):
 
 def test_public_functions_say_what_they_take_and_give():
     wrong = [
-        f"{name}:{node.lineno} {node.name}: {what}"
-        for name, node in public_functions()
-        for what in undocumented(node)
+        f"{name}:{node.lineno} {node.name}: {what}" for name, node in public_functions() for what in undocumented(node)
     ]
     assert not wrong, "\n".join(wrong)
 

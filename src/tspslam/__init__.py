@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from . import interop as interop
     from . import io as io
     from . import view as view
+    from ._threads import set_threads as set_threads
     from .datasets.folder import read_pair as read_pair
     from .errors import GeometryError as GeometryError
     from .errors import InputError as InputError
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "_threads": ("set_threads",),
     "errors": ("GeometryError", "InputError", "OutputError", "TspSlamError"),
     "types": (
         "Bank",

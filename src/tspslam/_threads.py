@@ -16,7 +16,23 @@ _budget: int | None = None  # None: as many as there are cores
 
 
 def set_threads(count: int | None) -> None:
-    """Set how many threads work at a time in this process, OpenCV's too; None for one a core."""
+    """Set how many threads work at a time in this process, OpenCV's too; results do not depend on it.
+
+    Parameters
+    ----------
+    count : int or None
+        1 to 1024; None for one a core. It counts for sessions and runs that begin later.
+
+    Raises
+    ------
+    InputError
+        If it is out of its range.
+
+    Examples
+    --------
+    >>> set_threads(1)
+    >>> set_threads(None)
+    """
     global _budget
     if count is not None and (isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MAX):
         raise InputError(f"threads is {repr(count)[:40]}, expected 1 to {_MAX}, or None for one a core")
@@ -71,3 +87,9 @@ class Worker:
         """Wait for what is under way, and end the thread."""
         if self._pool:
             self._pool.shutdown()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -49,9 +49,8 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of 
 TopicsOption = Annotated[
     tuple[str, str] | None, typer.Option(metavar="LEFT RIGHT", help="Topics of a bag with the images.")
 ]
-BitsOption = Annotated[
-    int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found in the images].")
-]
+BitsOption = Annotated[int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found].")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Threads at a time [default: one a core].")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -75,9 +74,11 @@ def run_command(
     preset: PresetOption = "default",
     config: ConfigOption = None,
     assignments: SetOption = None,
+    threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
+    from ._threads import set_threads
     from .run import config as configuration
     from .run import pipeline
     from .settings import KINDS
@@ -100,6 +101,7 @@ def run_command(
     target = out or Path("runs") / pairs.name
     _check_folder(target, *(source or []), calib, depth, disparity)
     _announce_compilation()
+    set_threads(threads)
     with _progress(len(wanted)) as progress:
         result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, progress=progress)
     _finish(result, as_json)

@@ -6,7 +6,7 @@ import itertools
 import json
 import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -16,6 +16,7 @@ import numpy as np
 from .. import __version__
 from .._files import one_line, read_bytes
 from .._stopwatch import Stopwatch
+from .._threads import Worker
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_bytes, write_frame
@@ -129,7 +130,7 @@ class SequenceRun:
         tuple of 2 int
             Pairs done, and the index of the last.
         """
-        with ThreadPoolExecutor(1) as self._writer:
+        with Worker() as self._writer:
             for index, pair in self._read(self.wanted[len(self.rows) :]):
                 frame = self._process(index, pair)
                 if frame is not None and on_frame is not None:
@@ -143,7 +144,7 @@ class SequenceRun:
         """Pairs, or why they cannot be read."""
         if not wanted:
             return
-        with ThreadPoolExecutor(1) as reader:
+        with Worker() as reader:
             coming = reader.submit(self._one, wanted[0])
             for index, following in itertools.zip_longest(wanted, wanted[1:]):
                 pair = coming.result()
