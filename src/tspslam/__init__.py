@@ -88,7 +88,10 @@ if TYPE_CHECKING:
     from .vision.features.orb import OrbDetector as OrbDetector
     from .vision.features.sift_brisk import BriskDetector as BriskDetector
     from .vision.features.sift_brisk import SiftDetector as SiftDetector
+    from .vision.slam.loop_closing import LoopSettings as LoopSettings
+    from .vision.slam.map import MapSettings as MapSettings
     from .vision.slam.odometry import Tracking as Tracking
+    from .vision.slam.tracking import TrackingSettings as TrackingSettings
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
     from .vision.stereo.dense import cloud_from_disparity as cloud_from_disparity
     from .vision.stereo.descriptor_matcher import DescriptorMatcher as DescriptorMatcher
@@ -129,6 +132,9 @@ _HOMES = {
     "vision.stereo.patches": ("Patches",),
     "vision.stereo.reconstruct": ("reconstruct",),
     "vision.slam.odometry": ("Tracking",),
+    "vision.slam.tracking": ("TrackingSettings",),
+    "vision.slam.map": ("MapSettings",),
+    "vision.slam.loop_closing": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
     "topology.surface": ("DelaunaySurface", "delaunay_surface"),

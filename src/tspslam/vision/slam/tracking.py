@@ -162,7 +162,7 @@ class Tracked:
         Returns
         -------
         (N,) int64
-            Numbers of landmarks; -1 where a point is none.
+            Numbers of landmarks, each at most once; -1 where a point is none.
         """
         from scipy.spatial import cKDTree
 
@@ -171,9 +171,11 @@ class Tracked:
         found = np.full(len(cloud), -1)
         if len(known):
             points = np.column_stack([cloud.uv, cloud.disparity])
-            _, nearest = cKDTree(seen[known]).query(points, distance_upper_bound=within)
-            is_one = nearest < len(known)
-            found[is_one] = self.landmark[known[nearest[is_one]]]
+            away, nearest = cKDTree(seen[known]).query(points, distance_upper_bound=within)
+            order = np.argsort(away, kind="stable")
+            one, first = np.unique(nearest[order], return_index=True)  # the nearest point of each
+            is_seen = one < len(known)
+            found[order[first[is_seen]]] = self.landmark[known[one[is_seen]]]
         return found
 
 
