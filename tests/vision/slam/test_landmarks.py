@@ -1,5 +1,7 @@
 """Landmarks keep their numbers, whatever is culled or merged, and frames say which of them their points are."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def snapshots(walk):
 
 def test_a_number_is_given_once_and_stays(snapshots):
     gone, highest = set(), -1
-    for before, after in zip(snapshots, snapshots[1:], strict=False):
+    for before, after in itertools.pairwise(snapshots):
         old, new = set(before.landmark_id.tolist()), set(after.landmark_id.tolist())
         highest = max(highest, before.landmark_id[-1])
         assert min(new - old, default=highest + 1) > highest
@@ -41,7 +43,7 @@ def test_a_number_is_given_once_and_stays(snapshots):
 
 def test_a_number_is_of_one_place(snapshots):
     """What is adjusted moves a little; rows, which culling moves, would be metres off."""
-    for before, after in zip(snapshots, snapshots[1:], strict=False):
+    for before, after in itertools.pairwise(snapshots):
         _, i, j = np.intersect1d(before.landmark_id, after.landmark_id, return_indices=True)
         assert np.median(np.linalg.norm(before.xyz[i] - after.xyz[j], axis=1)) < 0.02
 
