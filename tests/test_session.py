@@ -12,7 +12,7 @@ from tspslam.io import RunFolder
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
-from tspslam.run.summary import offset_doubts, summarize_run
+from tspslam.run.summary import _offset_doubts, summarize_run
 from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
@@ -171,6 +171,6 @@ def test_a_calibration_that_the_motion_contradicts_is_told(tmp_path):
     ("offset", "std", "count"), [(0.2, 0.001, 0), (-0.98, 0.007, 1), (0.6, 0.3, 0), (0.6, 0.1, 1), (-40.0, 0.1, 1)]
 )
 def test_only_a_large_and_certain_offset_is_told(offset, std, count):
-    said = [warning["message"] for warning in offset_doubts(RIG, offset, std)]
+    said = [warning["message"] for warning in _offset_doubts(RIG, offset, std)]
     assert len(said) == count
     assert not any("nan" in line or "inf" in line for line in said)

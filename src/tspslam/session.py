@@ -59,7 +59,17 @@ class Odometry(Protocol):
         """Adjustments of the map that had no solution."""
 
     def process(self, pair: StereoPair) -> Tracked:
-        """Where the next pair was taken; `InputError` if it cannot be used."""
+        """Where the next pair was taken; `InputError` if it cannot be used.
+
+        Parameters
+        ----------
+        pair : StereoPair
+            Not earlier than the last one.
+
+        Returns
+        -------
+        Tracked
+        """
 
     def finish(self) -> None:
         """Make the trajectory final."""
@@ -68,10 +78,23 @@ class Odometry(Protocol):
         """Let go of threads; no further pair can be processed."""
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the next frame depends on, as arrays."""
+        """All that the next frame depends on.
+
+        Returns
+        -------
+        dict of str to array
+        """
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Go on from a `state`; `image_of` gives the left image of a frame by its number, from 0."""
+        """Go on from a state.
+
+        Parameters
+        ----------
+        state : dict of str to array
+            As `state` gave it.
+        image_of : callable
+            Left image of a frame by its number, from 0.
+        """
 
 
 class Session:

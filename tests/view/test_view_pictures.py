@@ -19,7 +19,7 @@ from tspslam.view import _style as style
 from tspslam.view import pictures as p
 from tspslam.view import write_pictures
 from tspslam.view._frame import log_magnitude
-from tspslam.view.paths import beside_path, plan_picture
+from tspslam.view.paths import _plan_picture, beside_path
 
 ALWAYS = {"keypoints", "mesh_depth", "signals", "magnitude", "phase", "view3d_signal", "view3d_magnitude"}
 
@@ -69,7 +69,7 @@ def test_nothing_but_pictures_is_left_in_the_folder(frame, tmp_path):
 
 def test_classes_of_depth_have_the_paper_s_bounds_and_sum_to_the_points(frame):
     at = _at_depths(frame, [7.999, 8.0, 29.9, 30.0, 59.9, 60.0, np.nan, -1.0, 1.0])
-    assert p.depth_classes(at).tolist() == [8, 8, 8, 4, 8]
+    assert p._depth_classes(at).tolist() == [8, 8, 8, 4, 8]
 
 
 def test_legend_counts_sum_to_the_points_drawn(odd):
@@ -254,21 +254,21 @@ def test_a_plan_shows_the_whole_path_and_all_that_is_beside_it():
     near = beside_path(path, np.vstack([beside, far]))
     assert near[: len(beside)].all()
     assert not near[len(beside) :].all()
-    low, high = plan_picture(path, np.vstack([beside, far])).axes[0].get_xlim()
+    low, high = _plan_picture(path, np.vstack([beside, far])).axes[0].get_xlim()
     assert low < 0 < 300 < high
 
 
 def test_a_plan_is_seen_from_above():
     path, beside, far = street(30)
-    ahead_is_right = plan_picture(path, np.vstack([beside, far])).axes[0]
+    ahead_is_right = _plan_picture(path, np.vstack([beside, far])).axes[0]
     assert (ahead_is_right.get_xlabel(), ahead_is_right.get_ylabel()) == ("z, m", "x, m")
     assert ahead_is_right.yaxis_inverted()  # x, to the right of who goes ahead, is down
     path, beside, far = (each[:, [2, 1, 0]] for each in street(30))
-    right_is_right = plan_picture(path, np.vstack([beside, far])).axes[0]
+    right_is_right = _plan_picture(path, np.vstack([beside, far])).axes[0]
     assert (right_is_right.get_xlabel(), right_is_right.get_ylabel()) == ("x, m", "z, m")
     assert not right_is_right.yaxis_inverted()
 
 
 def test_a_plan_without_points_shows_the_path():
-    low, high = plan_picture(street(30)[0], np.empty((0, 3))).axes[0].get_xlim()
+    low, high = _plan_picture(street(30)[0], np.empty((0, 3))).axes[0].get_xlim()
     assert low < 0 < 30 < high

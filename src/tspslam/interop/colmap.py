@@ -35,7 +35,7 @@ def from_colmap(folder: PathLike, name: str, image: Image, *, max_depth_ratio: f
         Of cameras.txt, images.txt and points3D.txt.
     name : str
         The image's name in images.txt.
-    image : (H, W) or (H, W, 3) array
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
         The image itself, as COLMAP saw it (its distortion, if any, does not matter: observations are used, not
         projections).
     max_depth_ratio : float

@@ -31,12 +31,12 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig, *, nam
 
     Parameters
     ----------
-    xyz : (N, 3) array
+    xyz : (N, 3) float array
         Vertices in the frame of the left camera (x right, y down, z forward), m.
     faces : (F, 3) integers
         Triangles.
-    image : (H, W) or (H, W, 3) array
-        What the left camera saw: uint8, uint16, or float in [0, 1].
+    image : (H, W) or (H, W, 3) uint8, uint16 or float array
+        What the left camera saw; floats in [0, 1].
     rig : Rig
         The camera; a single one needs no baseline.
     name : str

@@ -123,7 +123,15 @@ def read_manifest(path: PathLike) -> tuple[dict[str, Unit], int]:
 
 
 def write_manifest(path: PathLike, units: Iterable[Unit]) -> None:
-    """Write a manifest of just these units, by name; whole or not at all, as `write_bytes`."""
+    """Write a manifest of just these units, by name; whole or not at all, as `write_bytes`.
+
+    Parameters
+    ----------
+    path : str or path
+        The manifest.
+    units : iterable of Unit
+        In any order.
+    """
     write_bytes(path, b"".join(_line(unit) for unit in sorted(units, key=lambda unit: unit.name)))
 
 

@@ -157,11 +157,25 @@ class RunFolder:
         self.close()
 
     def frame_path(self, index: int) -> Path:
-        """Return where the frame of that index goes."""
+        """Return where the frame of that index goes.
+
+        Parameters: as `finished_frame`.
+        Returns: as `picture_path`.
+        """
         return self.path / "frames" / f"{index:06d}.npz"
 
     def picture_path(self, name: str) -> Path:
-        """Return where the picture of that name (one word, without suffix) goes."""
+        """Return where the picture of that name goes; `InputError` if it is not one word.
+
+        Parameters
+        ----------
+        name : str
+            One word, without suffix.
+
+        Returns
+        -------
+        Path
+        """
         if not is_word(name):
             raise InputError(one_line(f"picture is called {name!r}; expected letters, digits, - and _"))
         return self.path / "pictures" / f"{name}.png"
@@ -265,7 +279,13 @@ class RunFolder:
         return target
 
     def check_unchanged(self, path: PathLike) -> None:
-        """Raise `InputError` if a file that the manifest lists is missing or was changed since the run."""
+        """Raise `InputError` if a file that the manifest lists is missing or was changed since the run.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        """
         unit = self.units.get(self._name(path))
         if unit is not None and not self.is_done(path, input_hash=unit.input):
             raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
@@ -309,15 +329,34 @@ class RunFolder:
         self.units = kept
 
     def write_run(self, values: Mapping[str, Any]) -> Path:
-        """Write ``run.json``: what the run found; nothing in it may differ when the run is repeated."""
+        """Write ``run.json``: what the run found; nothing in it may differ when the run is repeated.
+
+        Parameters
+        ----------
+        values : dict
+            Fit for JSON, without NaN.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         return self._write_json("run.json", values)
 
     def write_timings(self, values: Mapping[str, Any]) -> None:
-        """Write ``timings.json``, the only place for what varies from run to run."""
+        """Write ``timings.json``, the only place for what varies from run to run.
+
+        Parameters: as `write_run`.
+        """
         self._write_json(TIMINGS, values)
 
     def read_run(self) -> dict[str, Any]:
-        """Return what ``run.json`` holds; `InputError` if it is missing or damaged."""
+        """Return what ``run.json`` holds; `InputError` if it is missing or damaged.
+
+        Returns
+        -------
+        dict
+        """
         return self._read_json("run.json")
 
     def read_rows(self) -> list[dict[str, Any]]:
@@ -337,7 +376,10 @@ class RunFolder:
         return checked_rows(self.path / "run.json", self.read_run())
 
     def read_timings(self) -> dict[str, Any]:
-        """Return what ``timings.json`` holds; `InputError` if it is missing or damaged."""
+        """Return what ``timings.json`` holds; `InputError` if it is missing or damaged.
+
+        Returns: as `read_run`.
+        """
         return self._read_json(TIMINGS)
 
     def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> list[Path]:
@@ -345,9 +387,9 @@ class RunFolder:
 
         Parameters
         ----------
-        stamp : (T,) array
+        stamp : (T,) float array
             Times, s.
-        T_world_camera : (T, 4, 4) array
+        T_world_camera : (T, 4, 4) float array
             Poses, camera to world, m.
 
         Returns

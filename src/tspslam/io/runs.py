@@ -95,7 +95,16 @@ class StoredRun:
         return (self.frame(index) for index in self.stored)
 
     def pose(self, index: int) -> FloatArray:
-        """``T_world_camera`` of a frame, (4, 4), as the whole run has bettered it: keyframe, or only tracked.
+        """``T_world_camera`` of a frame, as the whole run has bettered it: keyframe, or only tracked.
+
+        Parameters
+        ----------
+        index : int
+            Place in its sequence.
+
+        Returns
+        -------
+        (4, 4) float64
 
         Raises
         ------

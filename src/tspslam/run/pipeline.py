@@ -135,7 +135,7 @@ def run_path(
     settings : Settings, optional
         Stages of the kinds that settings have names for; the defaults serve.
     frames, progress, on_frame
-        As in `run`; the functions are called in the process that runs.
+        As `run`; the functions are called in the process that runs.
 
     Returns
     -------

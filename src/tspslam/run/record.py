@@ -195,7 +195,18 @@ def flatten_row(row: Row) -> dict[str, Any]:
 
 
 def pair_hash(pair: StereoPair) -> str:
-    """SHA-256 of all that a frame is made from: images, rig, place, time, name; hexadecimal."""
+    """SHA-256 of all that a frame is made from: images, rig, place, time, name.
+
+    Parameters
+    ----------
+    pair : StereoPair
+        The images.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name]))
     for values in (pair.left, pair.right, pair.disparity):
         digest.update(b"" if values is None else array_hash(values).encode())
@@ -203,7 +214,15 @@ def pair_hash(pair: StereoPair) -> str:
 
 
 def array_hash(values: NDArray[Any]) -> str:
-    """SHA-256 of an array's shape, type and content, hexadecimal."""
+    """SHA-256 of an array's shape, type and content.
+
+    Returns: as `pair_hash`.
+
+    Parameters
+    ----------
+    values : (...,) array of numbers
+        What to hash.
+    """
     head = f"{values.shape} {values.dtype}".encode()
     return hashlib.sha256(head + np.ascontiguousarray(values).tobytes()).hexdigest()
 
@@ -213,7 +232,15 @@ def _rig_record(rig: Rig) -> dict[str, float]:
 
 
 def hash_of(value: Any) -> str:
-    """SHA-256 of a value as JSON, hexadecimal."""
+    """SHA-256 of a value as JSON.
+
+    Returns: as `pair_hash`.
+
+    Parameters
+    ----------
+    value : object
+        Fit for JSON, without NaN.
+    """
     return hashlib.sha256(_json_bytes(value)).hexdigest()
 
 
@@ -222,11 +249,23 @@ def _json_bytes(value: Any) -> bytes:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those that its results depend on."""
+    """Versions of this package and of those that its results depend on.
+
+    Returns
+    -------
+    dict of str to str
+        By package.
+    """
     packages = ("numpy", "scipy", "opencv-python-headless", "numba")
     return {"tspslam": __version__, **{name: version(name) for name in packages}}
 
 
 def machine() -> dict[str, str]:
-    """What the run ran on."""
+    """What the run ran on.
+
+    Returns
+    -------
+    dict of str to str
+        ``system``, ``python`` and ``processor``.
+    """
     return {"system": platform.platform(), "python": platform.python_version(), "processor": platform.machine()}

@@ -105,7 +105,7 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
     for line in doubts(rig):
         yield {"code": "calibration", "message": line}
     if len(tracked) > 1:
-        yield from offset_doubts(rig, *odometry.disparity_offset)
+        yield from _offset_doubts(rig, *odometry.disparity_offset)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
     yield from _few_points(tracked, session)
     yield from no_response(sum(each.defined for each in stored))
@@ -137,7 +137,20 @@ def _troubles(rows: Sequence[Row], odometry: Odometry) -> Iterator[Warning_]:
 
 
 def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:
-    """What was decided of pixels and of a map's values that a user may know better."""
+    """What was decided of pixels and of a map's values that a user may know better.
+
+    Parameters
+    ----------
+    bits : int or None
+        Bits that 16-bit pixels use, where that was found.
+    unknown : sequence of float
+        Values of the map that were taken for "not known".
+
+    Yields
+    ------
+    dict of str to str
+        A ``code`` and a ``message``.
+    """
     if bits is not None and bits < 16:
         message = f"16-bit pixels use {bits} bits: taken {1 << (16 - bits)} times as bright (--bits for another number)"
         yield {"code": "bits", "message": message}
@@ -148,7 +161,15 @@ def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[
 
 
 def no_response(defined: int) -> Iterator[Warning_]:
-    """That nothing came of it all, where no vertex has a response."""
+    """That nothing came of it all, where no vertex has a response.
+
+    Returns: as `pixel_warnings`.
+
+    Parameters
+    ----------
+    defined : int
+        Vertices with a response.
+    """
     if not defined:
         message = (
             "no vertex has a response: none has a signal and two neighbours or more that have one, in other places"
@@ -173,7 +194,7 @@ def _few_points(tracked: list[FrameRecord], session: Session) -> Iterator[Warnin
         yield {"code": "few_points", "message": message}
 
 
-def offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
+def _offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
     """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
     if abs(offset) <= max(_LARGE_OFFSET, _SURE * std):
         return

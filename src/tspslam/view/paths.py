@@ -100,11 +100,11 @@ def write_plan_picture(positions: FloatArray, xyz: FloatArray, path: str | Path)
         If it cannot be written.
     """
     buffer = io.BytesIO()
-    plan_picture(positions, xyz).savefig(buffer, format="png", metadata={"Software": None})
+    _plan_picture(positions, xyz).savefig(buffer, format="png", metadata={"Software": None})
     write_bytes(path, buffer.getvalue())
 
 
-def plan_picture(positions: FloatArray, xyz: FloatArray) -> Figure:
+def _plan_picture(positions: FloatArray, xyz: FloatArray) -> Figure:
     """The picture that `write_plan_picture` writes, seen from above where the path is level."""
     figure = Figure(figsize=(10, 6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)

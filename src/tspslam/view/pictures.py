@@ -96,7 +96,7 @@ def write_pictures(frame: Frame, folder: str | Path) -> list[Path]:
         "view3d_signal": signal_view,
         "view3d_magnitude": magnitude_view,
     }
-    if not nearly_one_class(frame):
+    if not _nearly_one_class(frame):
         del pictures["keypoints_depth"]
     make_folder(Path(folder))
     paths = []
@@ -106,16 +106,16 @@ def write_pictures(frame: Frame, folder: str | Path) -> list[Path]:
     return paths
 
 
-def depth_classes(frame: Frame) -> Counts:
+def _depth_classes(frame: Frame) -> Counts:
     """Count the points in each class of depth of the paper's Figure 4, then those without a depth or a place, (5,)."""
     ok = projected(frame)
     counts = np.bincount(_class_of(frame)[ok], minlength=4)
     return np.array([*counts, (~ok).sum()])
 
 
-def nearly_one_class(frame: Frame) -> bool:
+def _nearly_one_class(frame: Frame) -> bool:
     """Tell whether one class of depth holds nine tenths of the points or more."""
-    counts = depth_classes(frame)[:4]
+    counts = _depth_classes(frame)[:4]
     return bool(counts.sum() > 0 and counts.max() >= ONE_CLASS * counts.sum())
 
 
@@ -124,8 +124,18 @@ def _class_of(frame: Frame) -> Counts:
 
 
 def keypoints_picture(frame: Frame) -> Figure:
-    """Draw the keypoints on the left image in the paper's four classes of depth (Figure 4), with counts."""
-    counts = depth_classes(frame)
+    """Draw the keypoints on the left image in the paper's four classes of depth (Figure 4), with counts.
+
+    Parameters
+    ----------
+    frame : Frame
+        What to show.
+
+    Returns
+    -------
+    Figure
+    """
+    counts = _depth_classes(frame)
     n = len(frame.cloud)
     caption = f"{_count(n, 'point')}; colour: class of depth z."
     caption += _missing(int(counts[4]), "point", "without a place in the image or a depth")
@@ -158,7 +168,10 @@ def _padded(count: int, digits: int) -> str:
 
 
 def keypoint_depth_picture(frame: Frame) -> Figure:
-    """Draw the keypoints on the left image, coloured by depth on a continuous scale."""
+    """Draw the keypoints on the left image, coloured by depth on a continuous scale.
+
+    Parameters, returns: as `keypoints_picture`.
+    """
     shown = depth(frame)
     caption = f"{_count(int(shown.ok.sum()), 'point')}; colour: depth z, from the 1st to the 99th percentile."
     figure, axes = style.image_page(image_of(frame), "Keypoints by depth", frame.name, caption, side=True, tone="light")
@@ -169,7 +182,10 @@ def keypoint_depth_picture(frame: Frame) -> Figure:
 
 
 def mesh_depth_picture(frame: Frame) -> Figure:
-    """Draw the mesh over the image, each face in the mean depth of its vertices; edges without a face as lines."""
+    """Draw the mesh over the image, each face in the mean depth of its vertices; edges without a face as lines.
+
+    Parameters, returns: as `keypoints_picture`.
+    """
     faces = frame.complex_.faces
     at_faces = on_faces(faces, depth(frame))
     drawable = at_faces.ok & projected(frame)[faces].all(axis=1)
@@ -199,6 +215,8 @@ def signals_picture(frame: Frame) -> Figure:
     """Draw the edge and face signals at their barycentres (Figure 6): squares for edges, circles for faces.
 
     A signal with three channels is drawn in its colours; any other number of channels by their mean.
+
+    Parameters, returns: as `keypoints_picture`.
     """
     signals = frame.signals
     edge, face = Shown(one_channel(signals.edge), signals.edge_ok), Shown(one_channel(signals.face), signals.face_ok)
@@ -223,7 +241,10 @@ def signals_picture(frame: Frame) -> Figure:
 
 
 def magnitude_picture(frame: Frame) -> Figure:
-    """Draw ``log10 |r|`` at the vertices over the dimmed image (Figure 9, top); faces show their vertices' mean."""
+    """Draw ``log10 |r|`` at the vertices over the dimmed image (Figure 9, top); faces show their vertices' mean.
+
+    Parameters, returns: as `keypoints_picture`.
+    """
     shown, zeros = log_magnitude(frame)
     shown = Shown(shown.values, shown.ok & projected(frame))
     caption = f"Response of order {frame.response.order} at {_of(shown.ok)} vertices; faces: mean of their vertices."
@@ -241,6 +262,8 @@ def phase_picture(frame: Frame) -> Figure:
 
     An arrow points in the direction ψ = arg(r)/m, v down: for m = 1 from dark to bright; for m > 1 it is one of m
     equivalent directions; for m = 0 there is none.
+
+    Parameters, returns: as `keypoints_picture`.
     """
     shown = phase(frame)
     shown = Shown(shown.values, shown.ok & projected(frame))
@@ -261,7 +284,10 @@ def phase_picture(frame: Frame) -> Figure:
 
 
 def signal_view(frame: Frame) -> Figure:
-    """Draw the mesh in space, each face in its mean luminance, or colour where the signal has three channels."""
+    """Draw the mesh in space, each face in its mean luminance, or colour where the signal has three channels.
+
+    Parameters, returns: as `keypoints_picture`.
+    """
     signals = frame.signals
     what = "its mean colour" if is_colour(signals.face) else "its mean luminance"
     figure, _ = solid.solid_page(
@@ -277,7 +303,10 @@ def signal_view(frame: Frame) -> Figure:
 
 
 def magnitude_view(frame: Frame) -> Figure:
-    """Draw the mesh in space, each face coloured by the mean ``log10 |r|`` of its vertices."""
+    """Draw the mesh in space, each face coloured by the mean ``log10 |r|`` of its vertices.
+
+    Parameters, returns: as `keypoints_picture`.
+    """
     shown, zeros = log_magnitude(frame)
     at_faces = on_faces(frame.complex_.faces, shown)
     norm = _norm(shown)
