@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tests.vision.slam.test_cholesky import equations
-from tests.vision.slam.test_pose import RIG, SIGMA, as_observations, sights
+from tests.vision.slam.test_pose import RIG, SIGMA, as_observations, observations
 from tspslam.vision.slam._least_squares import solve_positive
 from tspslam.vision.slam.bundle import adjust
 from tspslam.vision.slam.pose import fit_pose
@@ -47,7 +47,7 @@ def _street() -> float:
 
 
 def _pose() -> float:
-    _, xyz, seen = sights(points=500)
+    _, xyz, seen = observations(points=500)
     other = as_observations(seen)
     ours = median_seconds(lambda: fit_pose(RIG, np.eye(4), xyz, seen, SIGMA), 9)
     return ours / median_seconds(
