@@ -1,5 +1,6 @@
 """The example files run from any folder, without a warning, and print what they promise."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+BENCHMARKS = EXAMPLES.with_name("benchmarks")
 
 
 def run_example(name, folder, *arguments):
@@ -100,3 +102,11 @@ def test_a_network_is_trained_on_all_levels_and_on_vertices_alone(tmp_path):
     assert 40 < vertices <= 100
     assert 40 < levels <= 100
     assert printed.splitlines()[-1].startswith("all levels ")
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in BENCHMARKS.glob("*.py") if path.stem != "__main__"))
+def test_a_benchmark_finds_what_it_measures(name):
+    """Names that it takes from the package and from the tests; the figures themselves are for `make bench`."""
+    if name == "bundle_gtsam":
+        pytest.importorskip("gtsam", reason="GTSAM is not installed: the comparison with it needs it")
+    importlib.import_module(f"benchmarks.{name}")
