@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import tspslam
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
 from tspslam.io import RunFolder
 from tspslam.run.config import resolve
@@ -69,9 +70,6 @@ def test_a_failing_stage_is_tried_once_and_its_error_raised_at_each_ask(walk, er
 class Given:
     """An odometry of another kind: poses that something else has measured; every other frame is a keyframe."""
 
-    disparity_offset, loops, unsolved = (0.0, 0.1), 0, 0
-    map = SimpleNamespace(xyz=np.empty((0, 3)))
-
     def __init__(self, poses):
         self.poses, self.stamps, self.is_open = poses, [], True
 
@@ -89,12 +87,6 @@ class Given:
 
     def close(self):
         self.is_open = False
-
-    def state(self):
-        return {"stamps": np.array(self.stamps)}
-
-    def restore(self, state, image_of):
-        self.stamps = state["stamps"].tolist()
 
 
 def test_a_session_takes_an_odometry_of_another_kind(walk):
@@ -127,7 +119,7 @@ def test_a_run_is_made_with_an_odometry_of_another_kind(walk, tmp_path):
 
 
 @pytest.mark.parametrize(("odometry", "said"), [
-    ("wheels", "odometry is the text 'wheels' without close, expected an object with close, disparity_offset, finish, "),
+    ("wheels", "odometry is the text 'wheels' without close, expected an object with close, finish, process, "),
     (Given, "odometry is <class .*Given'>, expected an object with"),
     (SimpleNamespace(process=len, trajectory=None), "odometry is SimpleNamespace without close"),
 ])  # fmt: skip
@@ -174,3 +166,55 @@ def test_only_a_large_and_certain_offset_is_told(offset, std, count):
     said = [warning["message"] for warning in _offset_doubts(RIG, offset, std)]
     assert len(said) == count
     assert not any("nan" in line or "inf" in line for line in said)
+
+
+def test_what_a_stage_gives_is_named_if_it_is_something_else(walk):
+    pair = walk[0][0]
+    wrong = {
+        "detector": (lambda grey: ([], []), "detector: result is tuple, expected a Features"),
+        "matcher": (
+            lambda left, right, pair: np.zeros((9, 2)),
+            "matcher: result is float64 of shape .*, expected a Matc",
+        ),
+        "surface": (
+            lambda cloud: np.zeros((9, 3), int),
+            "settings: surface: result is int64 of shape .*, expected a Surf",
+        ),
+        "filter": (
+            lambda complex_, uv, signals: np.zeros(9),
+            "settings: filter: result is float64 of shape .*, expected",
+        ),
+    }
+    for name, (stage, said) in wrong.items():
+        with pytest.raises(InputError, match=said), Session(RIG, replace(STAGES, **{name: stage})) as session:
+            _ = session.process(pair).response
+
+
+def test_what_an_odometry_gives_is_named_if_it_is_something_else(walk):
+    given = Given(walk[1].T_world_camera)
+    given.process = lambda pair: np.eye(4)
+    said = "odometry: result is float64 of shape .4, 4., expected a Tracked"
+    with pytest.raises(InputError, match=said), Session(RIG, STAGES, odometry=given) as session:
+        session.process(walk[0][0])
+
+
+def test_groups_of_settings_are_of_their_kinds():
+    for make, said in (
+        (lambda: Settings(tracking={"window": 3}), "settings: tracking is dict, expected a Tracking"),
+        (
+            lambda: tspslam.Tracking(pose=tspslam.MapSettings()),
+            "tracking: pose is MapSettings, expected a TrackingSettings",
+        ),
+        (lambda: tspslam.Tracking(loops=None), "tracking: loops is NoneType, expected a LoopSettings"),
+    ):
+        with pytest.raises(InputError, match=said):
+            make()
+
+
+def test_a_frame_says_what_is_known_of_it(walk):
+    with Session(RIG, STAGES) as session:
+        frame = session.process(walk[0][0])
+    assert len(frame.response) > 0
+    assert repr(frame).startswith(
+        f"Frame(0, {frame.name!r}, {len(frame.cloud)} points, {len(frame.complex_.edges)} edges"
+    )

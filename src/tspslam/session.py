@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import cached_property
 from threading import RLock
 from typing import Any, Protocol, TypeVar
-
-from numpy.typing import NDArray
 
 from ._checks import require, told
 from ._threads import Worker
@@ -18,7 +16,7 @@ from .frame import Frame, Once
 from .settings import Settings as Settings
 from .topology.complex import build_complex
 from .topology.texture import sample_signals
-from .types import FloatArray, Image, Rig, StereoPair, Trajectory
+from .types import Response, Rig, StereoPair, Surface, Trajectory
 from .vision.rig import require_baseline
 from .vision.slam.odometry import StereoOdometry
 from .vision.slam.tracking import Tracked
@@ -27,36 +25,34 @@ from .vision.stereo.reconstruct import Stereo, match_stereo
 T = TypeVar("T")
 
 
-class Landmarks(Protocol):
-    """The map that an odometry tracks its camera in."""
-
-    @property
-    def xyz(self) -> FloatArray:
-        """Positions in the world, (L, 3), m."""
-
-
 class Odometry(Protocol):
-    """What tells a session where each pair was taken; `tspslam.vision.slam.odometry` has the one of stereo images."""
+    """What tells a session where each pair was taken: `StereoOdometry`, or wheels, say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tspslam import datasets
+    >>> class Given:
+    ...     def __init__(self, poses):
+    ...         self.poses, self.stamps = poses, []
+    ...     @property
+    ...     def trajectory(self):
+    ...         return Trajectory(np.array(self.stamps), self.poses[: len(self.stamps)])
+    ...     def process(self, pair):
+    ...         self.stamps.append(pair.stamp)
+    ...         return Tracked(self.poses[len(self.stamps) - 1], is_keyframe=True)
+    ...     def finish(self): pass
+    ...     def close(self): pass
+    >>> pair = datasets.motorcycle()
+    >>> with Session(pair.rig, odometry=Given(np.eye(4)[None])) as session:
+    ...     frame = session.process(pair)
+    >>> frame.is_keyframe
+    True
+    """
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of all frames so far, as all that was seen since has bettered them."""
-
-    @property
-    def map(self) -> Landmarks:
-        """What the camera is tracked in."""
-
-    @property
-    def disparity_offset(self) -> tuple[float, float]:
-        """Measured less true disparity, px, and its standard deviation."""
-
-    @property
-    def loops(self) -> int:
-        """How often the map was corrected because a place was seen again."""
-
-    @property
-    def unsolved(self) -> int:
-        """Adjustments of the map that had no solution."""
+        """Poses of all frames so far, as refined by all that was seen since."""
 
     def process(self, pair: StereoPair) -> Tracked:
         """Where the next pair was taken; `InputError` if it cannot be used.
@@ -77,28 +73,12 @@ class Odometry(Protocol):
     def close(self) -> None:
         """Let go of threads; no further pair can be processed."""
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """All that the next frame depends on.
-
-        Returns
-        -------
-        dict of str to array
-        """
-
-    def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-        """Go on from a state.
-
-        Parameters
-        ----------
-        state : dict of str to array
-            As `state` gave it.
-        image_of : callable
-            Left image of a frame by its number, from 0.
-        """
-
 
 class Session:
     """A rig, settings, and the pairs that it processes one after another: frames of one path.
+
+    Of keyframes, points, surface, complex, signals and response are computed at once, in a thread; of other frames when
+    they are asked for.
 
     Threads that call `process`, `finish` or `close` of one session wait for each other.
 
@@ -108,15 +88,15 @@ class Session:
         The cameras of all pairs.
     settings : Settings, optional
         Stages; the defaults serve.
-    odometry : session.Odometry, optional
-        What tells where each pair was taken, if not the two images: wheels, say. Its `state` is its own: runs go on
-        from checkpoints of the stereo odometry alone.
+    odometry : Odometry, optional
+        What tells where each pair was taken, if not the two images: wheels, say. Runs write checkpoints of the stereo
+        odometry alone.
 
     Attributes
     ----------
     rig, settings
         As given.
-    odometry : session.Odometry
+    odometry : Odometry
         The map and the path so far.
 
     Examples
@@ -135,7 +115,7 @@ class Session:
         self.rig = rig
         self.settings = settings or Settings()
         require(self.settings, Settings, "settings")
-        self.odometry = _stereo_odometry(rig, self.settings) if odometry is None else _checked(odometry)
+        self.odometry = _stereo_odometry(rig, self.settings) if odometry is None else _require_odometry(odometry)
         self._worker = Worker()
         self._busy: Future[Any] | None = None
         self._is_closed = False
@@ -179,7 +159,9 @@ class Session:
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
-        frame = _build_frame(pair, self.odometry.process(pair), self.settings)
+        tracked = self.odometry.process(pair)
+        require(tracked, Tracked, "odometry: result")
+        frame = _build_frame(pair, tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
             self._wait()  # so that no more than one frame waits
             self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
@@ -221,7 +203,7 @@ def _stereo_odometry(rig: Rig, stages: Settings) -> StereoOdometry:
     return StereoOdometry(rig, detector=stages.detector, matcher=stages.matcher, tracking=stages.tracking)
 
 
-def _checked(odometry: Odometry) -> Odometry:
+def _require_odometry(odometry: Odometry) -> Odometry:
     """Refuse what lacks a part of an odometry, or is a class where an object of it goes."""
     wanted = {name for name in vars(Odometry) if not name.startswith("_")}
     lacking = sorted(wanted - set(dir(odometry)))  # which computes nothing
@@ -229,6 +211,11 @@ def _checked(odometry: Odometry) -> Odometry:
         found = repr(odometry)[:60] if isinstance(odometry, type) else f"{told(odometry)} without {lacking[0]}"
         raise InputError(f"odometry is {found}, expected an object with {', '.join(sorted(wanted))}")
     return odometry
+
+
+def _checked(result: T, kind: type, stage: str) -> T:
+    require(result, kind, f"settings: {stage}: result")
+    return result
 
 
 def _build_frame(pair: StereoPair, tracked: Tracked, stages: Settings) -> Frame:
@@ -243,13 +230,14 @@ def _build_frame(pair: StereoPair, tracked: Tracked, stages: Settings) -> Frame:
         return match_stereo(pair, stages.detector, stages.matcher) if known is None else known
 
     stereo = once("points", match)
-    surface = once("surface", lambda: stages.surface(stereo().cloud))
-    complex_ = once("complex", lambda: build_complex(surface().faces, len(stereo().cloud)))
-    signals = once("signals", lambda: sample_signals(pair.left, stereo().cloud.uv, complex_()))
-    response = once("response", lambda: stages.filter(complex_(), stereo().cloud.uv, signals()))
+    cloud = Once(lambda: stereo().cloud)
+    surface = once("surface", lambda: _checked(stages.surface(cloud()), Surface, "surface"))
+    complex_ = once("complex", lambda: build_complex(surface().faces, len(cloud())))
+    signals = once("signals", lambda: sample_signals(pair.left, cloud().uv, complex_()))
+    response = once("response", lambda: _checked(stages.filter(complex_(), cloud().uv, signals()), Response, "filter"))
     return Frame(
-        pair.index, pair.stamp, pair.name, pair.rig, lambda: stereo().cloud, surface, complex_, signals, response,
-        image=pair.left, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(stereo().cloud),
+        pair.index, pair.stamp, pair.name, pair.rig, cloud, surface, complex_, signals, response,
+        image=pair.left, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(cloud()),
         is_keyframe=tracked.is_keyframe, is_lost=tracked.is_lost, quality=lambda: stereo().quality, tracked=tracked,
         seconds=seconds,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ._checks import require_stage
+from ._checks import require, require_stage
 from ._settings import YAML_WORDS, describe_range, describe_type, hints_of, read_meanings, setting
 from .errors import InputError
 from .topology.complex import Complex
@@ -85,6 +85,8 @@ class Settings:
             if isinstance(getattr(self, name), str | type):
                 such = next(iter(kinds.values())).__name__
                 require_stage(getattr(self, name), f"settings: {name}", f"{such}()")
+        if not isinstance(self.tracking, tuple(KINDS["tracking"].values())):
+            require(self.tracking, Tracking, "settings: tracking")
 
 
 PRESETS: dict[str, Settings] = {

@@ -24,6 +24,7 @@ from ..session import Session
 from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
+from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import pack, unpack
 from .map import merge_frames
 from .record import (
@@ -206,16 +207,17 @@ class SequenceRun:
         """Write a checkpoint: all that the next frame depends on; of a run that has given nothing yet there is none."""
         self._wait_for_writing(0)
         self._saved = len(self.rows)
-        if not self.stored:
+        odometry = self.session.odometry
+        if not self.stored or not isinstance(odometry, StereoOdometry):
             return
         path = self.folder.path / STATE_NAME
-        write_bytes(path, pack(_MADE_BY, self.rows, self.session.odometry.state()))
+        write_bytes(path, pack(_MADE_BY, self.rows, odometry.state()))
         self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
         unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
-        if unit is None:
+        if unit is None or not isinstance(self.session.odometry, StereoOdometry):
             return
         try:
             if not self.folder.is_done(path, input_hash=unit.input):
@@ -233,7 +235,9 @@ class SequenceRun:
             self._check_as_before(index, row)
         places = [row.index for row in rows if isinstance(row, FrameRecord)]
         session = Session(self.source.rig, self.session.settings)
-        session.odometry.restore(state, lambda number: self._image(places[number]))
+        odometry = session.odometry
+        assert isinstance(odometry, StereoOdometry)
+        odometry.restore(state, lambda number: self._image(places[number]))
         self.session, self.rows = session, rows
 
     def _image(self, index: int) -> Image:

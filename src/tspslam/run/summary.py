@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..session import Odometry, Session
+from ..session import Session
 from ..types import Rig
 from ..vision.rig import doubts
+from ..vision.slam.odometry import StereoOdometry
 from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
 
 _LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
@@ -48,22 +49,22 @@ def summarize_run(
     dict
         Plain values, fit for JSON.
     """
-    odometry = session.odometry
+    odometry = _stereo_odometry(session)
     tracked = [row for row in rows if isinstance(row, FrameRecord)]
     stored = [row.complex_ for row in tracked if row.complex_ is not None]
     lost = sum(row.is_lost for row in tracked)
     defined = sum(each.defined for each in stored)
     bits = next(({"bits": row.bits} for row in tracked if row.bits is not None), {})
     is_bare = any(row.no_complex is not None for row in tracked)
-    is_degraded = len(tracked) < len(rows) or lost or is_bare or odometry.unsolved or not defined
+    is_degraded = len(tracked) < len(rows) or lost or is_bare or (odometry and odometry.unsolved) or not defined
     return {
         "status": "degraded" if is_degraded else "complete",
         "source": source,
         "frames": len(rows),
         "tracked": len(tracked) - lost,
         "keyframes": sum(row.is_keyframe for row in tracked),
-        "landmarks": len(odometry.map.xyz),
-        "loops": odometry.loops,
+        "landmarks": len(odometry.map.xyz) if odometry else 0,
+        "loops": odometry.loops if odometry else 0,
         "complex": _sizes(stored),
         "calibration": _calibration(stored, odometry if len(tracked) > 1 else None) | bits,
         "warnings": list(_warnings(rows, session, unpaired)),
@@ -75,12 +76,17 @@ def summarize_run(
     }
 
 
+def _stereo_odometry(session: Session) -> StereoOdometry | None:
+    """What has a map, and an offset of the disparities; None if the poses come from elsewhere."""
+    return session.odometry if isinstance(session.odometry, StereoOdometry) else None
+
+
 def _sizes(stored: list[ComplexRecord]) -> dict[str, int]:
     names = {"n": "points", "edges": "edges", "faces": "faces", "euler": "euler"}
     return {key: sum(getattr(each, name) for each in stored) for key, name in names.items()}
 
 
-def _calibration(stored: list[ComplexRecord], odometry: Odometry | None) -> dict[str, Any]:
+def _calibration(stored: list[ComplexRecord], odometry: StereoOdometry | None) -> dict[str, Any]:
     """How far the rig is off: as the images tell, and as the motion does, if there was one."""
     offset, std = (None, None) if odometry is None else odometry.disparity_offset
     return {
@@ -98,13 +104,13 @@ def _row(row: FrameRecord) -> dict[str, Any]:
 
 
 def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) -> Iterator[Warning_]:
-    odometry, rig = session.odometry, session.rig
+    odometry, rig = _stereo_odometry(session), session.rig
     tracked = [row for row in rows if isinstance(row, FrameRecord)]
     stored = [row.complex_ for row in tracked if row.complex_ is not None]
     yield from _troubles(rows, odometry)
     for line in doubts(rig):
         yield {"code": "calibration", "message": line}
-    if len(tracked) > 1:
+    if odometry and len(tracked) > 1:
         yield from _offset_doubts(rig, *odometry.disparity_offset)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
     yield from _few_points(tracked, session)
@@ -112,7 +118,7 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
     yield from _surfaces(unpaired, stored)
 
 
-def _troubles(rows: Sequence[Row], odometry: Odometry) -> Iterator[Warning_]:
+def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[Warning_]:
     """What went wrong with frames and the map."""
     for row in rows:
         if isinstance(row, SkippedPair):
@@ -131,7 +137,7 @@ def _troubles(rows: Sequence[Row], odometry: Odometry) -> Iterator[Warning_]:
     if repeated:
         message = f"{repeated} frames have the stamp of the one before and no line in the trajectory"
         yield {"code": "equal_stamps", "message": message}
-    if odometry.unsolved:
+    if odometry and odometry.unsolved:
         message = f"{odometry.unsolved} adjustments of the map had no solution"
         yield {"code": "adjustment", "message": message}
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._checks import require
 from ..._settings import check_settings, setting
 from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
@@ -79,6 +80,8 @@ class Tracking:
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_settings("tracking", self)
+        for name, kind in (("pose", TrackingSettings), ("map", MapSettings), ("loops", LoopSettings)):
+            require(getattr(self, name), kind, f"tracking: {name}")
 
 
 class CameraPath:

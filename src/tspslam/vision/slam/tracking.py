@@ -118,7 +118,7 @@ class Tracked:
     T_world_camera : (4, 4) float64
         Pose of the left camera; the world is the first frame's.
     covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is a guess.
+        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is not known.
     matches : int
         Landmarks that agree with it.
     is_keyframe : bool
@@ -139,10 +139,10 @@ class Tracked:
     """
 
     T_world_camera: FloatArray
-    covariance: FloatArray
-    matches: int
-    is_keyframe: bool
-    is_lost: bool
+    covariance: FloatArray = field(default_factory=lambda: np.full((6, 6), np.inf))
+    matches: int = 0
+    is_keyframe: bool = False
+    is_lost: bool = False
     stereo: Stereo | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))

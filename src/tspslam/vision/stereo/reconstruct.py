@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._checks import require_stage
+from ..._checks import require, require_stage
 from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Cloud, Features, FloatArray, StereoPair
@@ -185,6 +185,7 @@ def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     left, right = both(lambda image: detect(image.grey), (pair.left_image, pair.right_image))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
+    require(matches, Matches, "matcher: result")
     refuse_one_picture_stored_twice(pair, matches)
     cloud = triangulate(pair.rig, left, matches)
     explain_mismatch(pair, left, right, len(cloud))
@@ -224,6 +225,8 @@ def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset
 
 
 def _require_features(pair: StereoPair, left: Features, right: Features) -> None:
+    for features in (left, right):
+        require(features, Features, "detector: result")
     if min(len(left.uv), len(right.uv)) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
