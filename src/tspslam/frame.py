@@ -145,7 +145,7 @@ class Frame:
     is_keyframe : bool
         Whether the map rests on it.
     is_lost : bool
-        Whether its pose is a guess, that of a steady motion.
+        Whether its pose is a guess, that of a constant velocity.
     quality : StereoQuality or None
         How well the two images matched; None where it was not from images.
     tracked : Tracked or None

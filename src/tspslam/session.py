@@ -128,7 +128,7 @@ class Session:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of all frames so far, bettered by all that was seen since; `finish` makes them final."""
+        """Poses of all frames so far, refined by all that was seen since; `finish` makes them final."""
         return self.odometry.trajectory
 
     def process(self, pair: StereoPair) -> Frame:

@@ -95,7 +95,7 @@ class StoredRun:
         return (self.frame(index) for index in self.stored)
 
     def pose(self, index: int) -> FloatArray:
-        """``T_world_camera`` of a frame, as the whole run has bettered it: keyframe, or only tracked.
+        """``T_world_camera`` of a frame, as the whole run has refined it: keyframe, or only tracked.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Frame by frame through a source, each noted when it is finished; gone on with where an earlier run stopped."""
+"""Frame by frame through a source, each noted when it is finished; a stopped run is resumed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ STATE_NAME = "state.npz"
 _MADE_BY = f"tspslam {__version__}, state 4".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
-_EVERY, _SHARE = 25, 0.1  # frames between checkpoints, and of those so far: long runs do not write ever more
+_EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer
 
 
 class Source(Protocol):
@@ -284,7 +284,7 @@ def merge_stored_frames(sequence: SequenceRun) -> Frame:
     Returns
     -------
     Frame
-        With places as the whole run has bettered them.
+        With places as the whole run has refined them.
     """
     path = sequence.session.trajectory.T_world_camera
     placed = [(row, T) for row, T in zip(sequence.tracked, path, strict=True) if row.complex_ is not None]

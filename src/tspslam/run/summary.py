@@ -130,7 +130,7 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
     if lost:
         message = (
             f"tracking was lost in {len(lost)} of {len(rows)} frames, first in frame {lost[0]}: "
-            "their poses are those of a steady motion"
+            "their poses are those of a constant velocity"
         )
         yield {"code": "tracking_lost", "message": message}
     repeated = len(tracked) - len({row.stamp for row in tracked})

@@ -175,7 +175,7 @@ def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, ther
     found = places(there).detect_loop(image, estimate, features.uv, binary_descriptors(features.descriptor))
     assert found is not None
     assert np.linalg.norm((found.estimate.T_world_camera - walk[1][3])[:3, 3]) < 0.01
-    assert found.drift > LoopSettings().max_drift
+    assert found.drift > LoopSettings().min_error
     assert len(found.estimate) >= 30
 
 

@@ -46,7 +46,7 @@ _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0
 _LARGEST = 1e9  # of any value; positions in m
 _ORTHONORMAL = 1e-6  # off from a rotation
 _ROUNDING = 1e-6  # m per m, of a product of poses
-_NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made: it says how far a camera sees
+_NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made by default: how far a camera sees
 _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
 # Of the image's width, in the median over a keyframe, from where its landmarks should be seen: runs have less than
 # 0.001, and 0.007 right after a frame was placed wrongly.
@@ -83,7 +83,7 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
 
 
 def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
-    """Make a map that of a state, once checked.
+    """Restore a map from a state that was checked.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
     """Check the arrays of `Odometry.state`, which may come from a file that something else has changed.
 
-    Numbers that are merely somewhat different cannot be told from a state; those that no path of this rig has can.
+    Values that a path of this rig cannot have are found; small changes cannot be.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
 
 
 def _faults(state: Arrays, rig: Rig) -> Iterator[str]:
-    """What is wrong, one after another: each look rests on those before it."""
+    """What is wrong, one fault after another: each check relies on those before it."""
     yield from _wrong_types(state)
     check_shapes({name: state[name] for name in SCHEMA}, SCHEMA, {})
     yield from _wild_numbers(state, rig)

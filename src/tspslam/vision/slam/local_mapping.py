@@ -263,7 +263,7 @@ class LocalMapper:
         if loop is None:
             return estimate
         again = replace(loop.estimate, disparity=measure(loop.estimate))
-        if loop.drift > self._places.loops.max_drift:
+        if loop.drift > self._places.loops.min_error:
             distribute_loop_error(self.map, loop.place, normalised(again.T_world_camera @ inverse(T)), T)
             T, self.loops = again.T_world_camera, self.loops + 1
         return self._places.merge_observations(again, replace(estimate, T_world_camera=T), self.sigma_disparity)

@@ -16,7 +16,10 @@ from .map import Keyframe, Map
 from .pose import PoseEstimate, solve_pnp
 from .tracking import Reference, TrackingSettings, refine_pose, track_pose
 
-_MIN_STEP, _GUESSED = 1e-6, 1e6  # m from keyframe to keyframe: who only turns drifts too; of a pose that is a guess
+_MIN_STEP, _GUESSED = (
+    1e-6,
+    1e6,
+)  # m of way added to each step: a camera that only turns drifts too; a guessed step drifts most
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,8 @@ class LoopSettings:
 
     Parameters
     ----------
-    max_drift : float
-        Error of old landmarks in the image, in the median, from which a loop's error is distributed over the map.
+    min_error : float
+        Error of old landmarks in the image, in the median, above which a loop is closed.
     candidates : int
         Keyframes that a camera may have come back to, tried at each keyframe.
     lost_candidates : int
@@ -38,11 +41,11 @@ class LoopSettings:
     drift_rate : float
         How far a path may drift, by the way it has come.
     drift_slack : float
-        How far it may drift without any way.
+        How far a path may drift whatever its length.
     max_angle : float
         Angle between the viewing directions of the two.
     known_share : float
-        Share of a keyframe's landmarks that are tracked anyway, from which it is no news.
+        Share of a keyframe's landmarks that are tracked already, from which it is not looked at.
     min_landmarks : int
         Landmarks that prove a place.
     same_landmark : float
@@ -61,11 +64,11 @@ class LoopSettings:
 
     Examples
     --------
-    >>> LoopSettings(min_landmarks=50).max_drift
+    >>> LoopSettings(min_landmarks=50).min_error
     1.0
     """
 
-    max_drift: float = setting(1.0, 0, 100, unit="px", source="three times the standard deviation of a tracked point")
+    min_error: float = setting(1.0, 0, 100, unit="px", source="three times the standard deviation of a tracked point")
     candidates: int = setting(2, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
     lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
     sample: int = setting(400, 1, 100_000, unit="descriptors", source="more change no choice on KITTI and EuRoC")
@@ -248,14 +251,14 @@ class PlaceRecognition:
         looks_alike = poses[:count, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
         near = is_older & (away <= loops.max_distance * depth + slack) & looks_alike
         order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
-        return [(k, float(slack[k])) for k in order if self._is_news(map_.keyframes[k], tracked)][: loops.candidates]
+        return [(k, float(slack[k])) for k in order if self._is_left(map_.keyframes[k], tracked)][: loops.candidates]
 
     def _places_before(self, descriptors: Descriptors) -> list[tuple[int, float]]:
         """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
         start = _last_start(self.map_)
         return [(k, np.inf) for k in self._most_similar(self.map_.keyframes[:start], descriptors)] if start else []
 
-    def _is_news(self, frame: Keyframe, tracked: BoolArray) -> bool:
+    def _is_left(self, frame: Keyframe, tracked: BoolArray) -> bool:
         if frame.grey is None or not len(frame.landmark):
             return False
         return bool(tracked[frame.landmark].mean() < self.loops.known_share)
@@ -276,7 +279,7 @@ class PlaceRecognition:
         return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
 
     def _most_similar(self, frames: list[Keyframe], descriptors: Descriptors) -> list[int]:
-        """The keyframes with an image of whose landmarks most are the nearest to a sample of descriptors."""
+        """The keyframes, of those with an image, whose landmarks are nearest to most of a sample of descriptors."""
         map_, loops = self.map_, self.loops
         sample = descriptors[:: max(1, len(descriptors) // loops.sample)]
         is_seen = np.zeros(len(map_.xyz), np.bool_)
@@ -287,7 +290,7 @@ class PlaceRecognition:
 
 
 def distribute_loop_error(map_: Map, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
-    """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as an older keyframe knows.
+    """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as an older keyframe tells.
 
     The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
     step that was guessed takes almost all. The next adjustment is of the whole map.

@@ -27,29 +27,29 @@ class MapSettings:
     Parameters
     ----------
     min_total : float
-        Disparity + doffs of a new landmark; farther points become landmarks once they come nearer.
+        Least disparity + doffs of a new landmark; farther points become landmarks once they come nearer.
     spacing : float
-        Distance of a new landmark from those that are tracked.
+        Least distance of a new landmark from those that are tracked.
     references : int
         Last keyframes whose landmarks are looked for in a new image.
     cull_every : int
         Keyframes between cullings.
     min_views : int
-        Other keyframes that see a landmark for it to count as seen by enough.
+        Other keyframes that must see a landmark, for one keyframe to be redundant in it.
     redundant_share : float
-        Share of such landmarks that makes a keyframe go.
+        Share of its landmarks in which a keyframe is redundant, from which it is culled.
     twin_distance : float
-        Distance of two keyframes of which one can go, where they look the same way and share landmarks.
+        Largest distance of two keyframes of which one is culled, if they look the same way and share landmarks.
     twin_angle : float
-        Angle between their viewing directions.
+        Largest angle between their viewing directions.
     twin_share : float
-        Share of the landmarks of the one that the other sees.
+        Least share of the landmarks of the one that the other sees.
     image_bytes : float
         Room for the images of older keyframes, in case the camera comes back.
     min_shared : int
-        Landmarks in common with the window that make an older keyframe hold it in an adjustment.
+        Landmarks in common with the window, from which an older keyframe is held fixed in its adjustment.
     min_points : int
-        Landmarks seen twice, below which nothing is adjusted.
+        Landmarks seen twice or more that an adjustment needs.
     max_keyframes : int
         Keyframes that are adjusted at once; maps of more stay as the windows left them.
     max_steps : int
@@ -165,7 +165,7 @@ class MapSnapshot:
     disparity : (O,) float64
         As measured, px; NaN where not known.
     merged : (R, 2) int64
-        Numbers of landmarks that were found to be others, and of those, in the order of the finding.
+        Pairs (merged, kept) of landmark numbers, in the order of their merging.
     """
 
     landmark_id: NDArray[np.int64]
@@ -207,11 +207,11 @@ class Map:
     next_id : int
         Number of the next landmark.
     merged : (R, 2) int64
-        Numbers of landmarks that were found to be others, and of those, in the order of the finding.
+        Pairs (merged, kept) of landmark numbers, in the order of their merging.
     has_new_loop : bool
         Whether a loop was closed since the last adjustment: the next one is of the whole map.
     dropped : list of (int, int, (4, 4) float64)
-        Keyframes that were culled and are not yet taken note of: frame, the one in its place, T_replacement_frame.
+        Keyframes culled since the path was last told: frame, its replacement, T_replacement_frame.
     """
 
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:

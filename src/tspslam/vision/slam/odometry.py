@@ -40,15 +40,15 @@ class Tracking:
     window : int
         Keyframes that are adjusted together.
     keyframe_share : float
-        Of the last keyframe's landmarks: fewer that are tracked ask for a new keyframe.
+        Share of the last keyframe's landmarks; a frame that tracks fewer becomes a keyframe.
     patience : int
-        Frames lost in a row after which the map begins anew, where a steady motion has the camera.
+        Frames lost in a row after which the map begins anew, at the pose that a constant velocity predicts.
     sigma_disparity : float
         Standard deviation of a disparity.
     sigma_offset : float
         Standard deviation of the calibration's disparity offset.
     every_frame : bool
-        Whether each frame carries a cloud, a complex, signals and a response, not only keyframes.
+        Whether points to response are computed ahead and stored for each frame, not only for keyframes.
     pose : TrackingSettings
         How landmarks are tracked into an image, and when a pose is believed.
     map : MapSettings
@@ -135,7 +135,7 @@ class CameraPath:
         Parameters
         ----------
         predicted : (4, 4) float64
-            Where a steady motion has it.
+            Where a constant velocity has it.
         estimate : PoseEstimate or None
             Where it was found.
         """
@@ -145,7 +145,7 @@ class CameraPath:
         self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
 
     def record(self, stamp: float, map_: Map) -> None:
-        """Note the last frame, held by the last keyframe; frames of culled keyframes are held by those in their place.
+        """Note the last frame, relative to the last keyframe; frames of culled ones go to their replacements.
 
         Parameters
         ----------
@@ -181,13 +181,13 @@ class CameraPath:
 class StereoOdometry:
     """Tracks a stereo camera, one pair after another.
 
-    Patches around the landmarks of the last keyframes are tracked into the left image, from where a steady motion has
-    them, and the pose is the least-squares one of (u, v); then of (u, v, disparity), with disparities searched near
-    where the pose has them. If that fails, the camera is relocalised by descriptors. Where few landmarks of the last
-    keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last keyframes and
-    what they saw are adjusted together, with the offset that all disparities have in common: a calibration that is off
-    by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes on while the next frame
-    is tracked; its result counts from a fixed frame on, so that runs repeat.
+    Patches around the landmarks of the last keyframes are tracked into the left image, from where a constant velocity
+    predicts them, and the pose is the least-squares one of (u, v); then of (u, v, disparity), with disparities searched
+    near where the pose has them. If that fails, the camera is relocalised by descriptors. Where few landmarks of the
+    last keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last
+    keyframes and what they saw are adjusted together, with the offset that all disparities have in common: a
+    calibration that is off by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes
+    on while the next frame is tracked; its result counts from a fixed frame on, so that runs repeat.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ class StereoOdometry:
             raise InputError(f"{name}: its stamp is {stamp} s, expected {self.path.stamps[-1]} s or later")
 
     def _locate(self, images: PreparedPair, predicted: FloatArray) -> PoseEstimate | None:
-        """Pose from landmarks tracked from where a steady motion has them, or relocalised; then with disparities."""
+        """Pose from landmarks tracked from a constant velocity's prediction, or relocalised; refined by disparities."""
         map_, settings, image = self.map, self.tracking.pose, images.left_image
         estimate = track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, predicted, settings)
         steady = predicted if self.path.is_motion_known else None

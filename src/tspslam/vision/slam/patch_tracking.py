@@ -59,7 +59,7 @@ def track_patches(
     Returns
     -------
     uv : (N, 2) float64
-        Where they are, px; the guess, bettered as far as it went, where they are not found.
+        Where they are, px; the guess, refined as far as it went, where they are not found.
     good : (N,) bool
         Whether the patch was found at the last level.
 

@@ -11,7 +11,7 @@ from ...types import FloatArray, Rig
 from ..se3 import inverse
 from .bundle import lens_of, minimise
 
-_NOTHING = 1e-9 * np.eye(6)  # of information, so that all have an inverse
+_NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
 _SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 

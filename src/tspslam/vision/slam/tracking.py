@@ -26,8 +26,6 @@ _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong
 class TrackingSettings:
     """How landmarks are tracked into an image, and when a pose is believed.
 
-    Shares are of the landmarks in view that agree with a pose.
-
     Parameters
     ----------
     patch_radius : int
@@ -37,35 +35,39 @@ class TrackingSettings:
     patch_reach : float
         Farthest that a patch moves at each level of the pyramid, px.
     min_correlation : float
-        Of a patch that is found.
+        Least correlation of a patch that counts as found.
     sigma_uv : float
         Standard deviation of a tracked point, px.
     rough_sigma_uv : float
         The same at the coarse levels, px.
     rough_points : int
-        About how many points are tracked at the coarse levels.
-    rough_gate, first_gate, last_gate : float
-        Standard deviations beyond which an observation is dropped: at the coarse levels, then at the fine ones.
+        Points tracked at the coarse levels, about.
+    rough_gate : float
+        Error beyond which an observation is dropped at the coarse levels.
+    first_gate : float
+        The same at the full size, in the first round of two.
+    last_gate : float
+        The same in the second round.
     min_matches : int
         Landmarks that a pose needs.
     min_agreement : float
-        Share of the tracked points that must agree on a pose.
+        Least share of the tracked points that agree on a pose.
     max_zoom : float
-        How many times as near as in the keyframe a landmark may be, or as far.
+        Largest ratio of a landmark's distances from the camera and from the keyframe, either way.
     min_depth : float
-        Depth of a landmark that is looked for, m.
+        Least depth of a landmark that is looked for.
     clear_share : float
-        Share from which a pose needs no second opinion.
+        Share of the landmarks in view that agree with a pose, from which it needs no second opinion.
     steady_share : float
-        Share that is enough where the motion goes on as before, as behind an object that fills half of the view.
+        The same share where the pose is that of a constant velocity, as behind an object that fills half of the view.
     lone_share : float
-        Share that a tracked pose needs where descriptors find none.
+        Share that a tracked pose needs where relocalisation finds none.
     relocalized_share : float
-        Share that a pose from descriptors needs, or a tracked one that they confirm.
+        Share that a relocalised pose needs, or a tracked one that it confirms.
     overrule : float
-        How many times as many landmarks a pose from descriptors needs to overrule a tracked one.
+        Ratio of landmarks, relocalised to tracked, from which the relocalised pose is taken.
     same_pose : float
-        Distance of two poses that count as one, m per m of depth.
+        Largest distance of two poses that count as the same.
 
     Raises
     ------
@@ -124,7 +126,7 @@ class Tracked:
     is_keyframe : bool
         Whether the map rests on it.
     is_lost : bool
-        Whether too few landmarks were found: the pose is that of a steady motion.
+        Whether too few landmarks were found: the pose is that of a constant velocity.
     stereo : Stereo or None
         What both images show, where that was looked for.
     seconds : dict
@@ -307,7 +309,7 @@ def refine_pose(
 def is_clear(
     estimate: PoseEstimate, xyz: FloatArray, T_predicted: FloatArray | None, settings: TrackingSettings
 ) -> bool:
-    """Whether a pose needs no second opinion: many landmarks agree, or some, and it is where a steady motion has it.
+    """Whether a pose needs no second opinion: many landmarks agree, or some, and a constant velocity leads there.
 
     Parameters
     ----------
@@ -316,7 +318,7 @@ def is_clear(
     xyz : (M, 3) float64
         All landmarks, m.
     T_predicted : (4, 4) float64 or None
-        Pose that a steady motion leads to; None where the last motion is not known.
+        Pose that a constant velocity leads to; None where the last motion is not known.
     settings : TrackingSettings
         Shares.
 
