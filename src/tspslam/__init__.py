@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .frame import Frame as Frame
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
+    from .session import Odometry as Odometry
     from .session import Session as Session
     from .settings import Settings as Settings
     from .settings import list_settings as list_settings
@@ -90,11 +91,15 @@ if TYPE_CHECKING:
     from .vision.features.sift_brisk import SiftDetector as SiftDetector
     from .vision.slam.loop_closing import LoopSettings as LoopSettings
     from .vision.slam.map import MapSettings as MapSettings
+    from .vision.slam.map import MapSnapshot as MapSnapshot
+    from .vision.slam.odometry import StereoOdometry as StereoOdometry
     from .vision.slam.odometry import Tracking as Tracking
+    from .vision.slam.tracking import Tracked as Tracked
     from .vision.slam.tracking import TrackingSettings as TrackingSettings
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
     from .vision.stereo.dense import cloud_from_disparity as cloud_from_disparity
     from .vision.stereo.descriptor_matcher import DescriptorMatcher as DescriptorMatcher
+    from .vision.stereo.matches import Matches as Matches
     from .vision.stereo.patches import Patches as Patches
     from .vision.stereo.reconstruct import reconstruct as reconstruct
     from .vision.stereo.row_matcher import RowMatcher as RowMatcher
@@ -126,14 +131,15 @@ _HOMES = {
     "vision.features.sift_brisk": ("BriskDetector", "SiftDetector"),
     "vision.features.grid": ("GridDetector",),
     "vision.features.onnx": ("OnnxDetector",),
+    "vision.stereo.matches": ("Matches",),
     "vision.stereo.row_matcher": ("RowMatcher",),
     "vision.stereo.descriptor_matcher": ("DescriptorMatcher",),
     "vision.stereo.sgbm": ("SgbmMatcher",),
     "vision.stereo.patches": ("Patches",),
     "vision.stereo.reconstruct": ("reconstruct",),
-    "vision.slam.odometry": ("Tracking",),
-    "vision.slam.tracking": ("TrackingSettings",),
-    "vision.slam.map": ("MapSettings",),
+    "vision.slam.odometry": ("StereoOdometry", "Tracking"),
+    "vision.slam.tracking": ("Tracked", "TrackingSettings"),
+    "vision.slam.map": ("MapSettings", "MapSnapshot"),
     "vision.slam.loop_closing": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
@@ -157,7 +163,7 @@ _HOMES = {
     "vision.calibration.formats": ("read_calibration",),
     "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
-    "session": ("Session",),
+    "session": ("Odometry", "Session"),
     "settings": ("Settings", "list_settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

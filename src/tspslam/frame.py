@@ -141,7 +141,7 @@ class Frame:
         world is the first frame's camera; identity by default.
     landmark : (N,) int64 or None
         Number of the landmark of the map that each point of the cloud is, -1 for none; numbers stay
-        (`MapSnapshot <tspslam.vision.slam.map.MapSnapshot>`). None where that is not known.
+        (`MapSnapshot`). None where that is not known.
     is_keyframe : bool
         Whether the map rests on it.
     is_lost : bool
