@@ -58,12 +58,13 @@ def unsigned_laplacian(complex_: Complex, level: Level, ok: ArrayLike | None = N
     if level == "edge":
         check_product(complex_.edges, "the unsigned Laplacian of the edges")
     boundary = abs(complex_.B2 if level == "face" else complex_.B1).astype(np.float64)
-    shared = boundary @ boundary.T if level == "vertex" else boundary.T @ boundary
-    adjacency = csr_array(shared > 0, dtype=np.float64)
+    shared = (boundary @ boundary.T if level == "vertex" else boundary.T @ boundary).tocoo()
+    others = np.flatnonzero((shared.row != shared.col) & (shared.data > 0))  # `setdiag` of SciPy 1.13 is not reliable
+    places = shared.row[others], shared.col[others]
+    adjacency = csr_array((np.ones(len(others)), places), shape=shared.shape)
     if ok is not None:
         keep = diags_array(checked_mask(ok, adjacency.shape[0]).astype(np.float64))
         adjacency = csr_array(keep @ adjacency @ keep)
-    adjacency.setdiag(0)
     adjacency.eliminate_zeros()
     return csr_array(diags_array(adjacency.sum(axis=1)) - adjacency)
 
