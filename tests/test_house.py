@@ -13,6 +13,7 @@ SRC = Path(tspslam.__file__).parent
 ROOT = Path(__file__).parents[1]
 GROUND = {
     "_atomic",
+    "_brief",
     "_channels",
     "_checks",
     "_files",
@@ -58,7 +59,8 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     "_npz": {"_files", "errors"},
     "_text": {"_files"},
     "_yaml": {"_files", "_text"},
-    "types": {"_channels", "_checks", "errors"},
+    "types": {"_brief", "_channels", "_checks", "errors"},
+    "_brief": set(),
     "_channels": set(),
     "_checks": {"errors"},
     "_jit": set(),
