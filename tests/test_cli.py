@@ -484,7 +484,7 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "--config", "/dev/zero"], "not a regular file"),
     (["run", "--set", "detector.kind=surf"], "detector.kind is 'surf', expected one of orb, sift, brisk"),
     (["run", "--set", "detector.kind=[1]"], "detector.kind is [1], expected one of"),
-    (["run", "--detector", "sift", "--set", "detector.levels=3"], "unknown setting 'detector.levels'; did you mean"),
+    (["run", "--detector", "sift", "--set", "detector.levels=3"], "detector.levels belongs to kind orb; detector.kind is sift"),
     (["run", "--preset", "best"], "expected one of default, paper"),
     (["run", "--config", "missing.yaml"], "missing.yaml"),
     (["run", "no-such-folder"], "no-such-folder"),

@@ -20,6 +20,7 @@ _WAYS = {
     "Signals": "tspslam.sample_signals(image, uv, complex_) gives one",
     "Trajectory": "tspslam.io.read_trajectory(path) reads one",
     "Settings": "tspslam.Settings(detector=...)",
+    "Tmahf": "tspslam.Tmahf(order=1)",
     "Frame": "Session.process(pair) gives one, tspslam.io.read_frame(path) reads one",
 }
 """Where one gets each of our data classes from."""

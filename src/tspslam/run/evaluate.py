@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import require_path
+from .._files import PathLike
 from ..datasets import open_sequence
 from ..errors import InputError
 from ..io import RunFolder, read_trajectory
@@ -20,7 +22,7 @@ _NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
 
 
-def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
+def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
     """Compare the path of a run with a true one.
 
     Parameters
@@ -44,6 +46,9 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
         If one of them cannot be read, which pose is for which frame cannot be told, or too few match (fewer than 3, or
         5 % of the path).
     """
+    require_path(run, "run")
+    require_path(truth, "truth")
+    run, truth = Path(run), Path(truth)
     if run.is_dir():
         estimate, rows = _of_run(run)
         if truth.is_dir() or has_stamps(truth):
