@@ -213,7 +213,7 @@ def calib_show_command(
     as_json: JsonOption = False,
 ) -> None:
     """Show what was understood of a calibration file: every value, and the key of the file that it came from."""
-    from .vision.calibration.show import described
+    from .vision.calibration.show import described, unit_of
 
     found = described(file, _size(size))
     if as_json:
@@ -225,7 +225,7 @@ def calib_show_command(
         lines = row["value"] if isinstance(row["value"], list) else [row["value"]]
         for line in lines:
             shown = "  ".join(f"{number:.9g}" for number in line) if isinstance(line, list) else str(line)
-            _say(f"{name:<{width}}  {shown:<22}  {row['origin']}")
+            _say(f"{name:<{width}}  {f'{shown} {unit_of(name)}':<22}  {row['origin']}")
     for remark in found["remarks"]:
         _say(f"note: {remark}")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from .._checks import refuse_path, require, require_path, require_stage, told
+from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from ..datasets import open_sequence
 from ..errors import InputError
@@ -123,7 +123,7 @@ def run(
 
 
 def run_path(
-    path: PathLike, out: PathLike, settings: Settings | None = None, *,
+    path: PathLike, out: PathLike, settings: Resolved | Settings | None = None, *,
     frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
 ) -> RunResult:  # fmt: skip
     """Open the sequence at a path and run it: one call of plain arguments, which a worker process can make.
@@ -134,7 +134,7 @@ def run_path(
         A folder or a bag, as `tspslam.datasets.open_sequence` takes it.
     out : str or path
         The run folder, as in `run`.
-    settings : Settings, optional
+    settings : Resolved or Settings, optional
         Stages of the kinds that settings have names for; the defaults serve.
     frames, progress, on_frame
         As `run`; the functions are called in the process that runs.
@@ -150,9 +150,8 @@ def run_path(
     OutputError
         If something cannot be written.
     """
-    stages = Settings() if settings is None else settings
-    require(stages, Settings, "settings")
-    return run(open_sequence(path), out, stages, frames=frames, progress=progress, on_frame=on_frame)
+    resolved = as_resolved(Settings() if settings is None else settings)
+    return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
 
 
 def _require_source(source: object) -> None:
