@@ -53,6 +53,13 @@ def test_code_fits_the_column():
     assert [line for path in PAGES for block in code_of(path) for line in block.splitlines() if len(line) > 88] == []
 
 
+def test_tables_in_plain_text_fit_the_column():
+    blocks = re.compile(r"^\.\. code-block:: (?:text|yaml|console)\n\n((?: {3,}.*\n|\n)+)", re.MULTILINE)
+    lines = [line for path in PAGES for block in blocks.findall(path.read_text("utf-8")) for line in block.splitlines()]
+    assert len(lines) > 50
+    assert [line for line in lines if len(line) > 3 + 88] == []
+
+
 def test_centring_by_hand_agrees_with_the_filter():
     printed = io.StringIO()
     namespace = {"__name__": "__main__"}
