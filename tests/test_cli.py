@@ -1,6 +1,7 @@
 """What a person types: results, exit codes, one line for every error."""
 
 import json
+import re
 import os
 import shutil
 import subprocess
@@ -164,6 +165,8 @@ def test_calib_show_says_what_was_understood(capsys, tmp_path, raw_pair):
     assert "two raw cameras" in out
     assert "left.k1" in out
     assert "rectified.fx" in out
+    assert re.search(r"^left\.width +\d+ px +\S", out, re.MULTILINE)
+    assert re.search(r"^rectified\.baseline +[\d.]+ m +computed$", out, re.MULTILINE)
     assert out.count("T_right_left") >= 4
     code, line = complain(capsys, "calib", "show", tmp_path / "calib.txt")
     assert (code, "holds no image size" in line) == (3, True)
