@@ -1,8 +1,8 @@
 """What a person types: results, exit codes, one line for every error."""
 
 import json
-import re
 import os
+import re
 import shutil
 import subprocess
 import sys
