@@ -8,7 +8,7 @@ from matplotlib.patches import FancyBboxPatch
 
 PAGE = Path(__file__).with_name("architecture.rst")
 TOPOLOGY = Path(__file__).parents[1] / "src" / "tspslam" / "topology"
-ROW = re.compile(r"^ +(\w+) {2,}(\S.*?) +->(.*)$", re.MULTILINE)
+ROW = re.compile(r"^ +(\w+) {2,}(\S.*?) +->(.*(?:\n {20,}\S.*)*)$", re.MULTILINE)
 WINGS = {"vision": (0.2, 6.6), "topology": (7.4, 11.8)}  # from left to right
 ACROSS = {  # middle of a room; how high it stands follows from the arrows
     "cli": 5.6, "printing": 9.2, "run": 5.6, "interop": 5.6, "datasets": 5.6, "session": 1.2, "settings": 3.4,

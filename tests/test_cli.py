@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -164,6 +165,8 @@ def test_calib_show_says_what_was_understood(capsys, tmp_path, raw_pair):
     assert "two raw cameras" in out
     assert "left.k1" in out
     assert "rectified.fx" in out
+    assert re.search(r"^left\.width +\d+ px +\S", out, re.MULTILINE)
+    assert re.search(r"^rectified\.baseline +[\d.]+ m +computed$", out, re.MULTILINE)
     assert out.count("T_right_left") >= 4
     code, line = complain(capsys, "calib", "show", tmp_path / "calib.txt")
     assert (code, "holds no image size" in line) == (3, True)
@@ -484,7 +487,7 @@ def test_a_wrong_command_is_code_2(capsys, words, message):
     (["run", "--config", "/dev/zero"], "not a regular file"),
     (["run", "--set", "detector.kind=surf"], "detector.kind is 'surf', expected one of orb, sift, brisk"),
     (["run", "--set", "detector.kind=[1]"], "detector.kind is [1], expected one of"),
-    (["run", "--detector", "sift", "--set", "detector.levels=3"], "unknown setting 'detector.levels'; did you mean"),
+    (["run", "--detector", "sift", "--set", "detector.levels=3"], "detector.levels belongs to kind orb; detector.kind is sift"),
     (["run", "--preset", "best"], "expected one of default, paper"),
     (["run", "--config", "missing.yaml"], "missing.yaml"),
     (["run", "no-such-folder"], "no-such-folder"),

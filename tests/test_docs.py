@@ -1,6 +1,7 @@
 """The pages are true: their code runs, they name what exists and what is written, and they build offline."""
 
 import contextlib
+import importlib
 import importlib.util
 import io
 import re
@@ -50,6 +51,13 @@ def test_code_in_the_readme_runs():
 
 def test_code_fits_the_column():
     assert [line for path in PAGES for block in code_of(path) for line in block.splitlines() if len(line) > 88] == []
+
+
+def test_tables_in_plain_text_fit_the_column():
+    blocks = re.compile(r"^\.\. code-block:: (?:text|yaml|console)\n\n((?: {3,}.*\n|\n)+)", re.MULTILINE)
+    lines = [line for path in PAGES for block in blocks.findall(path.read_text("utf-8")) for line in block.splitlines()]
+    assert len(lines) > 50
+    assert [line for line in lines if len(line) > 3 + 88] == []
 
 
 def test_centring_by_hand_agrees_with_the_filter():
@@ -127,3 +135,30 @@ def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path)
     loaded = re.compile(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=\"(?:https?:)?//")
     assert not any(loaded.search(text) for text in pages)
     assert any("<math" in text for text in pages)
+
+
+def test_names_of_the_api_page_are_there_after_a_plain_import():
+    """Each place in a package that is new but for the libraries below it: none is there since another was asked for."""
+    names = re.findall(r":: (tspslam\.[\w.]+)$", page("api"), re.MULTILINE)
+    places = {name.rpartition(".")[0]: name for name in names}
+    code = (
+        "import operator, sys\n"
+        f"for name in {sorted(places.values())}:\n"
+        "    for old in [each for each in sys.modules if each.split('.')[0] == 'tspslam']: del sys.modules[old]\n"
+        "    import tspslam\n"
+        "    operator.attrgetter(name.partition('.')[2])(tspslam)\n"
+    )
+    assert {"tspslam.session", "tspslam.run.pipeline", "tspslam.vision.slam.odometry", "tspslam.topology.mahf"} <= set(
+        places
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    for wrong in ("tspslam.nothing", "tspslam.vision.nothing", "tspslam.run.nothing"):
+        above, _, last = wrong.rpartition(".")
+        with pytest.raises(AttributeError, match=f"module '{above}' has no attribute 'nothing'"):
+            getattr(importlib.import_module(above), last)
+
+
+def test_rooms_that_are_asked_for_alone_stay_out_of_a_star():
+    assert {"errors", "frame", "run", "session", "settings", "topology", "types", "vision"} <= set(dir(tspslam))
+    assert not {"run", "session", "settings", "types"} & set(tspslam.__all__)

@@ -205,6 +205,37 @@ def test_a_group_where_a_setting_goes_is_told_its_settings():
         resolve(assignments=["filter=tmahf"])
 
 
+@pytest.mark.parametrize(("chosen", "name", "said"), [
+    ("detector.kind=sift", "detector.fast_threshold", "detector.fast_threshold belongs to kind orb; detector.kind is sift"),
+    ("detector.kind=grid", "detector.contrast_threshold", "belongs to kind sift; detector.kind is grid"),
+    ("detector.kind=grid", "detector.count", "belongs to kinds orb, sift, brisk"),
+    ("matcher.kind=sgbm", "matcher.patches.radius", "belongs to kind"),
+    ("matcher.kind=sgbm", "matcher.patches", "matcher.patches belongs to kind"),
+    ("surface.kind=crust", "surface.min_angle", "surface.min_angle belongs to kind delaunay; surface.kind is crust"),
+])  # fmt: skip
+def test_a_setting_of_another_kind_is_said_to_be_one(tmp_path, chosen, name, said):
+    (tmp_path / "my.yaml").write_text(f"{name}: 10\n", encoding="utf-8")
+    for ask in (
+        lambda: resolve(assignments=[chosen, f"{name}=10"]),
+        lambda: resolve(file=str(tmp_path / "my.yaml"), assignments=[chosen]),
+        lambda: describe(resolve(assignments=[chosen]), [name]),
+    ):
+        with pytest.raises(InputError) as caught:
+            ask()
+        assert said in str(caught.value)
+        assert "unknown" not in str(caught.value)
+
+
+def test_a_name_near_to_none_is_told_the_groups_alone():
+    for ask in (lambda: describe(resolve(), ["TYPO"]), lambda: resolve(assignments=["TYPO=1"])):
+        with pytest.raises(InputError) as caught:
+            ask()
+        assert str(caught.value).endswith("unknown setting 'TYPO'; known are groups: " + ", ".join(KINDS))
+    with pytest.raises(InputError, match=r"known are groups: tracking\.kind, .*tracking\.pose, .*") as caught:
+        describe(resolve(), ["tracking." + 40 * "Q"])
+    assert "tracking.pose." not in str(caught.value)
+
+
 def test_a_choice_is_one_of_its_values():
     assert Gates(shape="square").shape == "square"
     for shape in ("flat", None, ["round"]):

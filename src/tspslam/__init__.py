@@ -19,9 +19,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import datasets as datasets
+    from . import errors as errors
+    from . import frame as frame
     from . import interop as interop
     from . import io as io
+    from . import run as run
+    from . import session as session
+    from . import settings as settings
+    from . import topology as topology
+    from . import types as types
     from . import view as view
+    from . import vision as vision
     from ._threads import set_threads as set_threads
     from .datasets.folder import read_pair as read_pair
     from .errors import GeometryError as GeometryError
@@ -168,12 +176,13 @@ _HOMES = {
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "interop", "io", "view")
+_FILES = ("errors", "frame", "run", "session", "settings", "topology", "types", "vision")  # of common names: not for *
 
 __all__ = sorted((*_HOME, *_ROOMS))
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
+    if name in _ROOMS or name in _FILES:
         return importlib.import_module(f".{name}", __name__)
     if name in _HOME:
         return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
@@ -181,4 +190,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return [*globals(), *__all__, *_FILES]

@@ -28,6 +28,7 @@ _WAYS = {
     "Tracked": "tspslam.Tracked(T_world_camera) is one",
     "Trajectory": "tspslam.io.read_trajectory(path) reads one",
     "Settings": "tspslam.Settings(detector=...)",
+    "Tmahf": "tspslam.Tmahf(order=1)",
     "Frame": "Session.process(pair) gives one, tspslam.io.read_frame(path) reads one",
 }
 """Where one gets each of our data classes from."""

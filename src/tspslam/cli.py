@@ -170,7 +170,7 @@ def eval_command(
     as_json: JsonOption = False,
 ) -> None:
     """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
-    from .run.evaluate import evaluated, summary
+    from .run.evaluate import evaluated, summary, tabulate
 
     if plot:
         from .run.guard import PICTURES, check_output
@@ -182,15 +182,11 @@ def eval_command(
         from .view import write_path_picture
 
         write_path_picture(errors, plot)
-    found = summary(errors)
     for line in errors.warnings:
         _note(f"warning: {line}")
-    if as_json:
-        _say(json.dumps(found))
-        return
-    for name, value in found.items():
-        if name != "warnings":
-            _say(f"{name:<28}  {'-' if value is None else f'{value:.6g}'}")
+    _say(*([json.dumps(summary(errors))] if as_json else tabulate(errors)))
+    if plot and not as_json:
+        _say(f"wrote {plot}")
 
 
 @config_app.command("show")
@@ -217,7 +213,7 @@ def calib_show_command(
     as_json: JsonOption = False,
 ) -> None:
     """Show what was understood of a calibration file: every value, and the key of the file that it came from."""
-    from .vision.calibration.show import described
+    from .vision.calibration.show import described, unit_of
 
     found = described(file, _size(size))
     if as_json:
@@ -229,7 +225,7 @@ def calib_show_command(
         lines = row["value"] if isinstance(row["value"], list) else [row["value"]]
         for line in lines:
             shown = "  ".join(f"{number:.9g}" for number in line) if isinstance(line, list) else str(line)
-            _say(f"{name:<{width}}  {shown:<22}  {row['origin']}")
+            _say(f"{name:<{width}}  {f'{shown} {unit_of(name)}':<22}  {row['origin']}")
     for remark in found["remarks"]:
         _say(f"note: {remark}")
 

@@ -121,6 +121,10 @@ class Session:
         self._is_closed = False
         self._lock = RLock()
 
+    def __repr__(self) -> str:
+        closed = ", closed" if self._is_closed else ""
+        return f"Session({self.rig.width} x {self.rig.height} px, {self.odometry!r}{closed})"
+
     @cached_property
     def fingerprints(self) -> tuple[str, ...]:
         """Hashes of the files that stages read, such as a network's; read once."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._brief import Brief
 from ._channels import one_channel as one_channel
 from ._channels import phase_of as phase_of
 from ._checks import real_array as real_array
@@ -189,8 +190,8 @@ def _check_number(what: str, name: str, value: Any, low: float, high: float) -> 
         raise InputError(f"{what}: {name} is {repr(value)[:60]}, expected {said} from {low:.8g} to {high:.8g}")
 
 
-@dataclass(frozen=True)
-class StereoPair:
+@dataclass(frozen=True, repr=False)
+class StereoPair(Brief):
     """A rectified pair of images of one moment.
 
     Attributes
@@ -236,8 +237,8 @@ class StereoPair:
         require(self.rig, Rig, "pair: rig")
 
 
-@dataclass(frozen=True)
-class Trajectory:
+@dataclass(frozen=True, repr=False)
+class Trajectory(Brief):
     """A camera's path.
 
     Attributes
@@ -255,8 +256,8 @@ class Trajectory:
         return len(self.stamp)
 
 
-@dataclass(frozen=True)
-class Features:
+@dataclass(frozen=True, repr=False)
+class Features(Brief):
     """Keypoints of one image with their descriptors.
 
     Attributes
@@ -280,8 +281,8 @@ class Features:
     angle: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Cloud:
+@dataclass(frozen=True, repr=False)
+class Cloud(Brief):
     """Points that the left camera sees, in its frame.
 
     Attributes
@@ -305,8 +306,8 @@ class Cloud:
         return len(self.xyz)
 
 
-@dataclass(frozen=True)
-class Surface:
+@dataclass(frozen=True, repr=False)
+class Surface(Brief):
     """Triangles over the rows of a cloud.
 
     Attributes
@@ -318,8 +319,8 @@ class Surface:
     faces: NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class Signals:
+@dataclass(frozen=True, repr=False)
+class Signals(Brief):
     """Unsigned texture signals on every level of a complex, eqs (4)-(6).
 
     Attributes
@@ -347,8 +348,8 @@ class Signals:
     face_ok: BoolArray
 
 
-@dataclass(frozen=True)
-class Response:
+@dataclass(frozen=True, repr=False)
+class Response(Brief):
     """A complex harmonic response at every vertex; ``len(response)`` is their number.
 
     Attributes
@@ -406,8 +407,8 @@ class Response:
         return (self.z * turn.reshape(theta.shape + (1,) * (self.z.ndim - theta.ndim))).real
 
 
-@dataclass(frozen=True)
-class Bank:
+@dataclass(frozen=True, repr=False)
+class Bank(Brief):
     """Responses of K filters at every vertex (or pixel). ``len(bank)`` is K, ``bank[k]`` the k-th response.
 
     Attributes

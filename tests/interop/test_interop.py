@@ -62,6 +62,51 @@ def test_arrays_that_do_not_fit_are_named(changes, message):
         from_arrays(**given)
 
 
+def turned(angle, t):
+    """A pose, turned about the vertical by an angle, rad."""
+    T = np.eye(4)
+    T[0, 0] = T[2, 2] = np.cos(angle)
+    T[0, 2], T[2, 0] = np.sin(angle), -np.sin(angle)
+    T[:3, 3] = t
+    return T
+
+
+def test_a_posed_photo_sees_what_it_sees_in_its_own_frame(tmp_path):
+    T = turned(0.7, (3, -1, 20))
+    world = XYZ @ T[:3, :3].T + T[:3, 3]
+    expected = from_arrays(XYZ, FACES, IMAGE, RIG)
+    lines = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in world] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES]
+    (tmp_path / "mesh.obj").write_text("\n".join(lines) + "\n")
+    Image.fromarray(IMAGE).save(tmp_path / "image.png")
+    save_cameras(RIG, tmp_path / "calib.yaml")
+    files = (tmp_path / "mesh.obj", tmp_path / "image.png", tmp_path / "calib.yaml")
+    for got in (
+        from_arrays(world, FACES, IMAGE, RIG, T_world_camera=T.tolist()),
+        from_trimesh(SimpleNamespace(vertices=world, faces=FACES), IMAGE, RIG, T_world_camera=T),
+        from_file(*files, T_world_camera=T),
+    ):
+        np.testing.assert_allclose(got.cloud.xyz, XYZ, atol=1e-12)
+        np.testing.assert_allclose(got.T_world_camera, T, atol=1e-12)
+        np.testing.assert_allclose(got.signals.vertex, expected.signals.vertex, atol=1e-9)
+        np.testing.assert_allclose(got.cloud.disparity, expected.cloud.disparity, atol=1e-9)
+    np.testing.assert_array_equal(expected.T_world_camera, np.eye(4))
+
+
+@pytest.mark.parametrize(("T", "said"), [
+    (np.eye(3), r"T_world_camera is float64 of shape \(3, 3\), expected \(4, 4\) finite numbers"),
+    (np.full((4, 4), np.nan), "T_world_camera is float64 .* finite numbers"),
+    (turned(0, (0, 0, 3)).T, "expected .* last row 0 0 0 1"),
+    (np.diag([2.0, 2, 2, 1]), r"T_world_camera holds no rotation \(R Rᵀ - I has 3\)"),
+    (np.diag([1.0, 1, -1, 1]), "T_world_camera holds no rotation"),
+    (turned(0, (1e10, 0, 0)), "expected metres, at most 1e[+]09"),
+    ("pose.txt", "T_world_camera is the path 'pose.txt'"),
+    (turned(3.14, (0, 0, 0)), "none of 5 vertices falls into the image .*, expected the world's frame and the photo's pose"),
+])  # fmt: skip
+def test_a_pose_that_is_none_is_refused(T, said):
+    with pytest.raises(InputError, match=said):
+        from_arrays(XYZ, FACES, IMAGE, RIG, T_world_camera=T)
+
+
 def doubted(xyz, faces=FACES, rig=RIG):
     return doubts_of_mesh(from_arrays(xyz, faces, IMAGE, rig))
 

@@ -1,6 +1,7 @@
 """`tspslam eval`: a path file or a run folder beside true poses."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -49,6 +50,25 @@ def test_the_command_prints_what_the_function_finds_and_draws(paths, capsys):
     assert image_size(paths / "path.png")[0] > 1000
     assert cli._exit_code(command) == 0
     assert "ate_rmse_m" in capsys.readouterr().out
+
+
+def test_a_person_is_told_units_words_and_the_file_of_the_plot(paths, capsys):
+    cut(paths, "part.tum", slice(0, 45))
+    command = ["eval", str(paths / "part.tum"), "--truth", str(paths / "truth.tum")]
+    assert cli._exit_code([*command, "--plot", str(paths / "path.png")]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert last == f"wrote {paths / 'path.png'}"
+    found = summary(evaluated(paths / "part.tum", paths / "truth.tum"))
+    assert [line.split()[0] for line in lines] == [name for name in found if name != "warnings"]
+    assert all(
+        re.fullmatch(r"\w+ {2,}(-|[\d.e+-]+( m| degrees| %| pairs| frames| poses)?) {2,}\S.*\w", line) for line in lines
+    )
+    told = {line.split()[0]: line.split("  ", 1)[1].strip() for line in lines}
+    assert re.fullmatch(r"100 % +of the path's time .*", told["covered"])
+    assert re.match(r"7[45][.\d]* % +of the true path's time", told["truth_covered"])
+    assert re.match(r"0 poses +of the path that are NaN", told["unknown"])
+    assert cli._exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
+    assert json.loads(capsys.readouterr().out) == found
 
 
 def test_a_run_folder_is_matched_by_stamp_or_by_the_numbers_of_its_frames(paths, tmp_path):
@@ -187,7 +207,7 @@ def test_unknown_true_poses_are_left_out_and_counted(paths, capsys):
     assert [found[key] for key in ("matched", "total", "truth_total", "truth_unknown")] == [57, 60, 57, 3]
     assert found["scale"] == pytest.approx(1 / 1.01)
     assert cli._exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum")]) == 0
-    assert "truth_unknown" + " " * 17 + "3\n" in capsys.readouterr().out
+    assert "truth_unknown" + " " * 17 + "3 poses " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("filler", ["", "nan " * 12])

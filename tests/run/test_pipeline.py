@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from tspslam import GeometryError, InputError, Rig, Session, Settings, StereoPair
-from tspslam.run.config import resolve
+from tspslam.run.config import describe, resolve
+from tspslam.run.evaluate import evaluated
+from tspslam.run.mesh import filter_mesh
 from tspslam.run.pipeline import OnePair, run
 from tspslam.run.record import pair_hash
 from tspslam.run.sequence import _input_hash
+from tspslam.topology.harmonic import Tmahf
 from tspslam.topology.surface import DelaunaySurface
 
 from ..sequences import DETECTOR, corridor
@@ -94,3 +97,60 @@ class Pairs(list):
     def __init__(self, rig, pairs):
         super().__init__(pairs)
         self.rig = rig
+
+
+class TwoPairs:
+    name, rig = "two", RIG
+
+    def __len__(self):
+        return 2
+
+    def __getitem__(self, index):
+        return [PAIR, PAIR][index]
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ({"source": "/some/drive"}, r"source is the path '/some/drive', expected a sequence .*open_sequence\(path\)"),
+    ({"source": PAIR}, r"source is StereoPair without __len__, expected a sequence of pairs: OnePair\(pair\)"),
+    ({"source": TwoPairs}, "source is <class .*TwoPairs'>, expected a sequence of pairs"),
+    ({"resolved": None}, r"settings is NoneType, expected a Settings: tspslam\.Settings\(detector=\.\.\.\)"),
+    ({"resolved": {"detector.count": 3}}, "settings is dict, expected a Settings"),
+    ({"resolved": Settings(filter=print)}, "settings: filter is builtin_function_or_method, expected one with settings"),
+    ({"out": None}, "out is NoneType, expected the path"),
+    ({"frames": (0, 3)}, r"frames is tuple \(0, 3\), expected a range, such as range\(0, 3\)"),
+    ({"frames": slice(0, 1)}, r"frames is slice slice\(0, 1, None\), expected a range"),
+    ({"frames": range(3)}, r"two: frames range\(0, 3\) go beyond its pairs, expected a range within 0 to 2"),
+    ({"frames": range(1, -2, -1)}, r"two: frames range\(1, -2, -1\) go beyond its pairs"),
+    ({"progress": True}, "progress is bool, expected a callable"),
+    ({"on_frame": "print"}, "on_frame is 'print', expected a callable"),
+])  # fmt: skip
+def test_a_run_refuses_what_is_of_another_kind_in_a_line(tmp_path, given, said):
+    whole = {"source": TwoPairs(), "out": tmp_path / "out", "resolved": resolve()} | given
+    with pytest.raises(InputError, match=said):
+        run(**whole)
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_go_where_resolved_ones_do(tmp_path, small_pair):
+    pair = StereoPair(*small_pair)
+    given, resolved = (tmp_path / "given", tmp_path / "resolved")
+    run(OnePair(pair), given, Settings())
+    run(OnePair(pair), resolved, resolve())
+    assert (given / "config.yaml").read_bytes() == (resolved / "config.yaml").read_bytes()
+    assert (given / "run.json").read_bytes() == (resolved / "run.json").read_bytes()
+    assert describe(Settings(), ["filter.order"])["filter.order"]["origin"] == "given"
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: filter_mesh("none.ply", "left.png", "calib.yaml", "out", "tmahf"), "stage is the text 'tmahf', expected a Tmahf"),
+    (lambda: filter_mesh(None, "left.png", "calib.yaml", "out", Tmahf()), "mesh is NoneType, expected the path"),
+    (lambda: filter_mesh("none.ply", "none.png", "calib.yaml", "out", Tmahf()), "none.png: "),
+    (lambda: evaluated("none.tum", "none.txt"), "none.tum: "),
+    (lambda: evaluated(Settings(), "none.txt"), "run is Settings, expected the path"),
+    (lambda: resolve(assignments="filter.order=2"), "assignments is the text 'filter.order=2', expected a list"),
+    (lambda: resolve(file="none.yaml"), "none.yaml: "),
+    (lambda: describe({}), "settings is dict, expected a Settings"),
+])  # fmt: skip
+def test_functions_beside_it_take_text_for_paths_and_refuse_other_kinds_too(call, said):
+    with pytest.raises(InputError, match=said):
+        call()

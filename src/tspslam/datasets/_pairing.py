@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._brief import Brief
 from .._files import PathLike, bad_input, one_line, reason_of
 from .._text import read_text
 from ..errors import InputError
@@ -31,8 +32,8 @@ Row = tuple[int, list[str]]
 """Number of a line, from 1, and its words."""
 
 
-@dataclass(frozen=True)
-class Paired:
+@dataclass(frozen=True, repr=False)
+class Paired(Brief):
     """Image files of the frames in the order of time, their stamps (s), and the files that are in no frame."""
 
     files: list[tuple[Path, Path]]

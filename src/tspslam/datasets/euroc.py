@@ -121,6 +121,9 @@ class EurocSequence:
         known, wanted = poses_at(self.stamps, stamps, T_world_sensor), "poses at most 0.1 s before and after one"
         return some_known(known, folder / "data.csv", wanted) @ T_sensor_camera
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self._frames.files)
 

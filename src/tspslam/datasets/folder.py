@@ -139,6 +139,9 @@ class StereoFolder:
         """The folder's own name."""
         return one_line(self.path.resolve().name)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self._files)
 

@@ -141,6 +141,9 @@ class KittiSequence:
         T_world_zero = np.stack([np.full((4, 4), np.nan) if line is None else T[line] for line in at])
         return T_world_zero @ self._T_zero_camera()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self._frames.files)
 

@@ -110,6 +110,9 @@ class RosbagSequence:
         """Name of the folder, or of the file without its suffix."""
         return name_of(self.path.resolve().with_suffix("")) if os.path.isfile(self.path) else name_of(self.path)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self._pairs)
 

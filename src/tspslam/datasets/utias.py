@@ -139,6 +139,9 @@ class UtiasRun:
                 truth[k] = _mount() @ placed[run, int(left.stem)] @ T_vehicle_camera
         return some_known(truth, self.path, f"transforms of run {run} to the poses that images are named by")
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self._frames.files)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import check_pixels, require
+from .._checks import check_pixels, require, told
 from .._files import PathLike, one_line
 from ..datasets.maps import read_levelled
 from ..errors import InputError
@@ -19,20 +19,27 @@ from ..topology.harmonic import Tmahf
 from ..topology.texture import sample_signals
 from ..types import Cloud, FloatArray, Image, Rig, Surface, real_array
 from ..vision.calibration.formats import read_rectified
+from ..vision.se3 import normalised
 from ..vision.visibility import visible_uv
 
 _FARTHEST, _NEAREST = 1e9, 1e-9  # m
 _MIN_DISPARITY = 0.25  # px: what a good stereo matcher still measures; depths beyond are hardly metres
+_ROTATION = 1e-3  # what rotations in calibration files may be off by, too
+_ROUNDING = 1e-9
 _USUAL_BASELINE = 0.1  # m, of stereo cameras held in the hand: stands in for that of a single camera
 
 
-def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig, *, name: str = "mesh") -> Frame:
+def from_arrays(
+    xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig,
+    *, name: str = "mesh", T_world_camera: ArrayLike | None = None,
+) -> Frame:  # fmt: skip
     """Put the texture of an image on a mesh.
 
     Parameters
     ----------
     xyz : (N, 3) float array
-        Vertices in the frame of the left camera (x right, y down, z forward), m.
+        Vertices, m, in the world of `T_world_camera`; without one, in the frame of the left camera (x right, y down,
+        z forward).
     faces : (F, 3) integers
         Triangles.
     image : (H, W) or (H, W, 3) uint8, uint16 or float array
@@ -41,17 +48,19 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig, *, nam
         The camera; a single one needs no baseline.
     name : str
         What the frame is called.
+    T_world_camera : (4, 4) float array, optional
+        Where the photo was taken: maps points of the camera's frame to the world, m.
 
     Returns
     -------
     Frame
-        Vertices behind faces have no signal; the response is that of the default filter, `tspslam.tmahf`. The world is
-        the camera.
+        With its pose; its cloud is in the camera's frame. Vertices behind faces have no signal; the response is that of
+        the default filter, `tspslam.tmahf`. Without a pose the world is the camera.
 
     Raises
     ------
     InputError
-        If an array is not as described, or the camera sees no vertex.
+        If an array is not as described, the pose is no rigid motion, or the camera sees no vertex.
 
     Examples
     --------
@@ -59,26 +68,46 @@ def from_arrays(xyz: ArrayLike, faces: ArrayLike, image: Image, rig: Rig, *, nam
     >>> frame = from_arrays([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], [[0, 1, 2]], np.full((30, 40), 0.5), camera)
     >>> frame.signals.face.tolist()
     [0.5]
+
+    >>> T_world_camera = np.eye(4)
+    >>> T_world_camera[:3, 3] = 0, 0, -2  # m: it stood two metres farther back
+    >>> there = from_arrays(frame.cloud.xyz, [[0, 1, 2]], frame.image, camera, T_world_camera=T_world_camera)
+    >>> there.cloud.xyz[0].tolist()
+    [0.0, 0.0, 7.0]
     """
     require(rig, Rig, "rig")
     check_pixels("image", image)
     if np.shape(image)[:2] != (rig.height, rig.width):
         raise InputError(f"image has shape {np.shape(image)}, expected the camera's {rig.height} x {rig.width}")
-    points = _positions(xyz)
+    T, points = np.eye(4), _positions(xyz)
+    if T_world_camera is not None:
+        T = _pose(T_world_camera)
+        points = (points - T[:3, 3]) @ T[:3, :3]
     complex_ = build_complex(faces, len(points))
     triangles = np.asarray(faces)
     uv = visible_uv(rig, points, triangles if len(triangles) else None)
     signals = sample_signals(image, uv, complex_)
     if not signals.vertex_ok.any():
         behind = " (all are behind the camera: z points forward)" if (points[:, 2] <= 0).all() else ""
-        raise InputError(
-            f"none of {len(points)} vertices falls into the image{behind}, expected the camera's frame, metres"
-        )
+        where = "the camera's frame" if T_world_camera is None else "the world's frame and the photo's pose in it"
+        raise InputError(f"none of {len(points)} vertices falls into the image{behind}, expected {where}, metres")
     is_same = len(triangles) == len(complex_.faces)
     kept = triangles.reshape(-1, 3).astype(np.int32) if is_same else complex_.faces
     cloud = Cloud(points, uv, _disparity(rig, points, uv))
     response = Once(lambda: Tmahf()(complex_, cloud.uv, signals))
-    return Frame(0, 0.0, name, rig, cloud, Surface(kept), complex_, signals, response, image=image)
+    return Frame(0, 0.0, name, rig, cloud, Surface(kept), complex_, signals, response, image=image, T_world_camera=T)
+
+
+def _pose(T: ArrayLike) -> FloatArray:
+    pose = real_array(T, "T_world_camera", "(4, 4)").astype(np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[3] - (0, 0, 0, 1)).max() > _ROUNDING:
+        raise InputError(f"T_world_camera is {told(pose)}, expected (4, 4) finite numbers with last row 0 0 0 1")
+    if np.abs(pose).max() > _FARTHEST:
+        raise InputError(f"T_world_camera is at {pose[:3, 3].tolist()}, expected metres, at most {_FARTHEST:g}")
+    off = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
+    if off > _ROTATION or np.linalg.det(pose[:3, :3]) < 0:
+        raise InputError(f"T_world_camera holds no rotation (R Rᵀ - I has {off:.2g}), expected one to {_ROTATION:g}")
+    return normalised(pose)
 
 
 def _positions(xyz: ArrayLike) -> FloatArray:
@@ -99,14 +128,14 @@ def _disparity(rig: Rig, points: FloatArray, uv: FloatArray) -> FloatArray:
     return rig.fx * rig.baseline / depth - rig.doffs
 
 
-def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Frame:
+def from_trimesh(mesh: Any, image: Image, rig: Rig, *, T_world_camera: ArrayLike | None = None) -> Frame:
     """Put the texture of an image on a trimesh mesh, or anything else with ``vertices`` and ``faces``.
 
     Parameters
     ----------
     mesh : trimesh.Trimesh
-        Vertices in the camera's frame, m.
-    image, rig
+        Vertices as those of `from_arrays`, m.
+    image, rig, T_world_camera
         As `from_arrays`.
 
     Returns
@@ -128,22 +157,28 @@ def from_trimesh(mesh: Any, image: Image, rig: Rig) -> Frame:
     """
     if not hasattr(mesh, "vertices") or not hasattr(mesh, "faces"):
         raise InputError(f"mesh is {type(mesh).__name__}, expected something with vertices and faces, as of trimesh")
-    return from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), image, rig)
+    xyz, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    return from_arrays(xyz, faces, image, rig, T_world_camera=T_world_camera)
 
 
-def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: int | None = None) -> Frame:
+def from_file(
+    mesh: PathLike, image: PathLike, calibration: PathLike,
+    *, bits: int | None = None, T_world_camera: ArrayLike | None = None,
+) -> Frame:  # fmt: skip
     """Put the texture of an image on a mesh, both from files.
 
     Parameters
     ----------
     mesh : path
-        .ply, .vtu, .obj or a stored frame; vertices in the camera's frame, m.
+        .ply, .vtu, .obj or a stored frame; vertices as those of `from_arrays`, m.
     image : path
         What the left camera saw.
     calibration : path
         A calibration file of a rectified pair, or of our own of a single camera, which needs no baseline.
     bits : int, optional
         How many bits the image's pixels use if they have 16; found by default.
+    T_world_camera
+        As `from_arrays`.
 
     Returns
     -------
@@ -158,7 +193,7 @@ def from_file(mesh: PathLike, image: PathLike, calibration: PathLike, *, bits: i
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
     try:
-        return from_arrays(xyz, faces, pixels, rig, name=one_line(Path(mesh).stem))
+        return from_arrays(xyz, faces, pixels, rig, name=one_line(Path(mesh).stem), T_world_camera=T_world_camera)
     except InputError as error:
         raise InputError(f"{mesh}: {error}") from error
 

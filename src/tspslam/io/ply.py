@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._atomic import write_bytes
+from .._brief import Brief
 from .._files import PathLike, bad_input, read_bytes
 from .._text import unmarked
 from ..errors import InputError
@@ -31,8 +32,8 @@ _WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class PlyMesh:
+@dataclass(frozen=True, repr=False)
+class PlyMesh(Brief):
     """What a PLY file holds.
 
     Attributes

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._atomic import write_bytes
+from .._brief import brief
 from .._files import PathLike, bad_input, read_bytes, unpacked_limit
 from .._text import is_whole
 from ..errors import InputError
@@ -48,6 +49,9 @@ class VtuMesh(NamedTuple):
     faces: NDArray[np.int32]
     point_data: dict[str, NDArray[Any]]
     cell_data: dict[str, NDArray[Any]]
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def write_vtu(

@@ -8,11 +8,11 @@ import json
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from .._files import one_line
+from .._checks import require
+from .._files import PathLike, one_line
 from .._settings import YAML_WORDS, describe_range, describe_type, is_within
 from .._yaml import parse_yaml, read_yaml
 from ..errors import InputError
@@ -51,7 +51,35 @@ class Resolved:
         return tree
 
 
-def resolve(preset: str = "default", file: Path | None = None, assignments: Iterable[str] = ()) -> Resolved:
+def as_resolved(given: Resolved | Settings) -> Resolved:
+    """Settings with the origin of each value, if they have none: they were given.
+
+    Parameters
+    ----------
+    given : Resolved or Settings
+        The settings.
+
+    Returns
+    -------
+    Resolved
+
+    Raises
+    ------
+    InputError
+        If they are neither.
+
+    Examples
+    --------
+    >>> as_resolved(Settings()).origin["filter.order"]
+    'given'
+    """
+    if isinstance(given, Resolved):
+        return given
+    require(given, Settings, "settings")
+    return Resolved(given, dict.fromkeys(flatten(given), "given"))
+
+
+def resolve(preset: str = "default", file: PathLike | None = None, assignments: Iterable[str] = ()) -> Resolved:
     """Settings from a preset, then a YAML file, then ``key=value`` assignments; the later wins.
 
     Parameters
@@ -77,6 +105,8 @@ def resolve(preset: str = "default", file: Path | None = None, assignments: Iter
     >>> resolve(assignments=["filter.order=2"]).values["filter.order"]
     2
     """
+    if isinstance(assignments, str):
+        raise InputError(f"assignments is the text {assignments!r:.80}, expected a list of such")
     given = [(str(file), name, value) for name, value in (_read(file) if file else {}).items()]
     given += [("--set", *_split(assignment)) for assignment in assignments]
     start = _with_kinds(find_preset(preset), given)
@@ -109,12 +139,12 @@ def flatten(settings: Settings) -> dict[str, Any]:
     return flat
 
 
-def describe(resolved: Resolved, names: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
+def describe(resolved: Resolved | Settings, names: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """All that is known of each setting, by its dotted name.
 
     Parameters
     ----------
-    resolved : Resolved
+    resolved : Resolved or Settings
         The settings.
     names : iterable of str
         Settings, groups of them or stages, such as ``"matcher.patches"``; else all.
@@ -135,6 +165,7 @@ def describe(resolved: Resolved, names: Iterable[str] = ()) -> dict[str, dict[st
     >>> describe(resolve(), ["filter.order"])["filter.order"]["range"]
     '0 to 1000'
     """
+    resolved = as_resolved(resolved)
     known, values = {row.name: row for row in list_settings(resolved.settings)}, resolved.values
     wanted = [name.rstrip(".") for name in names]
     for name in wanted:
@@ -217,7 +248,7 @@ def _split(assignment: str) -> tuple[str, Any]:
         raise InputError(f"--set {shown}: the value is not plain YAML ({error})") from error
 
 
-def _read(file: Path) -> dict[str, Any]:
+def _read(file: PathLike) -> dict[str, Any]:
     tree = read_yaml(file, "a YAML file of settings")
     stages = {} if tree is None else tree
     if not isinstance(stages, Mapping):
@@ -253,7 +284,8 @@ def find_setting(name: str, known: Mapping[str, Setting], source: str) -> Settin
     Raises
     ------
     InputError
-        If there is none, with its new name, the settings of the group that it is, or the nearest name.
+        If there is none, with its new name, the kind that it belongs to, the settings of the group that it is, the
+        nearest name, or the groups that there are.
     """
     if name in known:
         return known[name]
@@ -261,13 +293,34 @@ def find_setting(name: str, known: Mapping[str, Setting], source: str) -> Settin
     for old, new in RENAMED.items():
         if name == old or name.startswith(f"{old}."):
             raise InputError(f"{source}: the setting {shown} is now called {new}{one_line(name[len(old) :])[:80]}")
+    _refuse_other_kind(name, known, source)
     inner, near = (
         [each for each in known if each.startswith(f"{name}.")],
         difflib.get_close_matches(name, known, 1, 0.5),
     )
-    hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+    hint = f"did you mean {near[0]}?" if near else f"known are groups: {', '.join(_groups_near(name, known))}"
     hint = f"it is a group: {', '.join(inner)}" if inner else hint
     raise InputError(f"{source}: unknown setting {shown}; {hint}")
+
+
+def _refuse_other_kind(name: str, known: Mapping[str, Setting], source: str) -> None:
+    """Refuse what is a setting, or a group of them, of a kind that its stage is not."""
+    stage, rows = name.partition(".")[0], list_settings()
+    owners = {row.kind: None for row in rows if f"{row.name}.".startswith(f"{name}.") and row.kind}
+    if not owners:
+        return
+    bare = set(KINDS[stage]) - {row.kind for row in rows if row.name.startswith(f"{stage}.")}  # without settings
+    chosen = {row.kind for each, row in known.items() if each.startswith(f"{stage}.") and row.kind} or bare
+    if not chosen & owners.keys():
+        kinds = f"kind{'s' if len(owners) > 1 else ''} {', '.join(owners)}"
+        raise InputError(f"{source}: {name} belongs to {kinds}; {stage}.kind is {' or '.join(sorted(chosen))}")
+
+
+def _groups_near(name: str, known: Mapping[str, Setting]) -> list[str]:
+    """Stages; of a stage that the name begins with, its settings and groups."""
+    stage = name.partition(".")[0]
+    inner = [each.split(".")[1] for each in known if each.startswith(f"{stage}.")]
+    return list(dict.fromkeys(f"{stage}.{each}" for each in inner)) or list(KINDS)
 
 
 def _checked(name: str, value: Any, known: Mapping[str, Setting], source: str) -> Any:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import require_path
+from .._files import PathLike
 from ..datasets import open_sequence
 from ..errors import InputError
 from ..io import RunFolder, read_trajectory
@@ -18,9 +20,29 @@ from ..vision.evaluate import TrajectoryErrors, evaluate_trajectory
 _TEN = 10.0  # m
 _NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
+_WORDS = {
+    "ate_rmse_m": ("m", "error of positions after the best rigid motion, root mean square"),
+    "ate_sim3_rmse_m": ("m", "the same after the best motion and scale"),
+    "scale": ("", "that scale; below 1 where the path is too large"),
+    "rpe_translation_m_frame": ("m", "error of the motion from one frame to the next, root mean square"),
+    "rpe_rotation_deg_frame": ("degrees", "of its rotation"),
+    "rpe_translation_percent_10m": ("%", "error of the motion over 10 m of the way"),
+    "rpe_rotation_deg_10m": ("degrees", "of its rotation"),
+    "rpe_pairs": ("pairs", "of poses, which the errors from frame to frame are from"),
+    "rpe_frames": ("frames", "from one pose of such a pair to the other"),
+    "matched": ("poses", "of the path, which have a true one"),
+    "total": ("poses", "of the path in all"),
+    "truth_total": ("poses", "of the true path in all"),
+    "unknown": ("poses", "of the path that are NaN, left out"),
+    "truth_unknown": ("poses", "of the true path that are NaN, left out"),
+    "covered": ("%", "of the path's time from the first match to the last"),
+    "truth_covered": ("%", "of the true path's time from the first match to the last"),
+}
+"""Unit and meaning of each number of `summary`; shares are shown in per cent."""
+_SHARES = ("covered", "truth_covered")
 
 
-def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
+def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
     """Compare the path of a run with a true one.
 
     Parameters
@@ -44,6 +66,9 @@ def evaluated(run: Path, truth: Path, *, max_stamp_difference: float = 0.01) -> 
         If one of them cannot be read, which pose is for which frame cannot be told, or too few match (fewer than 3, or
         5 % of the path).
     """
+    require_path(run, "run")
+    require_path(truth, "truth")
+    run, truth = Path(run), Path(truth)
     if run.is_dir():
         estimate, rows = _of_run(run)
         if truth.is_dir() or has_stamps(truth):
@@ -104,6 +129,27 @@ def summary(errors: TrajectoryErrors) -> dict[str, Any]:
         "truth_covered": errors.truth_covered,
         "warnings": list(errors.warnings),
     }
+
+
+def tabulate(errors: TrajectoryErrors) -> list[str]:
+    """Describe the errors in lines for people: name, value with its unit, and what it is.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+        What was measured.
+
+    Returns
+    -------
+    list of str
+        One for each number of `summary`; "-" is not measured.
+    """
+    found, lines = summary(errors), []
+    for name, (unit, meaning) in _WORDS.items():
+        value = found[name]
+        shown = "-" if value is None else f"{value * (100 if name in _SHARES else 1):.6g} {unit}".rstrip()
+        lines.append(f"{name:<28}  {shown:<16}  {meaning}")
+    return lines
 
 
 def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:

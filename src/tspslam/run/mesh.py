@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import one_line
+from .._checks import require, require_path
+from .._files import PathLike, one_line
 from ..datasets.maps import read_levelled
 from ..errors import InputError
 from ..frame import Frame
@@ -28,10 +29,10 @@ from .summary import no_response, pixel_warnings
 
 
 def filter_mesh(
-    mesh: Path,
-    image: Path,
-    calibration: Path,
-    out: Path,
+    mesh: PathLike,
+    image: PathLike,
+    calibration: PathLike,
+    out: PathLike,
     stage: Tmahf,
     *,
     merge: bool = False,
@@ -64,10 +65,14 @@ def filter_mesh(
     Raises
     ------
     InputError
-        If a file cannot be used, a mesh has no faces, or the camera sees no vertex.
+        If an argument is of another kind, a file cannot be used, a mesh has no faces, or the camera sees no vertex.
     OutputError
         If something cannot be written.
     """
+    for path, what in ((mesh, "mesh"), (image, "image"), (calibration, "calibration"), (out, "out")):
+        require_path(path, what)
+    require(stage, Tmahf, "stage")
+    mesh = Path(mesh)
     pixels, used = read_levelled(image, bits)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
     xyz, faces = read_mesh(mesh)
@@ -87,7 +92,7 @@ def filter_mesh(
         write_results(folder, [path], frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
-    return RunResult(out, record)
+    return RunResult(Path(out), record)
 
 
 def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, NDArray[np.int32]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from .._checks import require, require_stage
+from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from ..datasets import open_sequence
 from ..errors import InputError
@@ -17,7 +17,7 @@ from ..io import RunFolder, read_frame
 from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..types import FloatArray, Rig, StereoPair
-from .config import Resolved
+from .config import Resolved, as_resolved
 from .record import hash_of, machine
 from .sequence import STATE_NAME, OnFrame, SequenceRun, merge_stored_frames
 from .sequence import Source as Source
@@ -64,7 +64,7 @@ class RunResult:
 
 
 def run(
-    source: Source, out: PathLike, resolved: Resolved, *,
+    source: Source, out: PathLike, resolved: Resolved | Settings, *,
     frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
 ) -> RunResult:  # fmt: skip
     """Track the camera through the pairs of `source` and fill the run folder `out`.
@@ -76,13 +76,13 @@ def run(
     Parameters
     ----------
     source : Source
-        The pairs.
+        The pairs; `OnePair` makes one of a single pair, `tspslam.datasets.open_sequence` of a path.
     out : path
         The run folder; new, empty, or of the same settings (then it goes on from the last checkpoint).
-    resolved : Resolved
-        The settings.
+    resolved : Resolved or Settings
+        The settings; as for `run_path`, stages are of the kinds that settings have names for.
     frames : range, optional
-        Which pairs; all by default.
+        Which pairs, such as ``range(0, 100)``; all by default.
     progress : callable, optional
         Called with (frames done, frames in all, name) after each.
     on_frame : callable, optional
@@ -97,16 +97,18 @@ def run(
     Raises
     ------
     InputError
-        If no pair can be used, or `out` is not ours or has other settings.
+        If an argument is of another kind, `frames` go beyond the pairs, no pair can be used, or `out` is not ours or
+        has other settings.
     OutputError
         If something cannot be written.
     """
-    if on_frame is not None:
-        require_stage(on_frame, "on_frame", "print")
+    for called, name in ((on_frame, "on_frame"), (progress, "progress")):
+        if called is not None:
+            require_stage(called, name, "print")
+    _require_source(source)
+    resolved, wanted = as_resolved(resolved), _wanted(source, frames)
+    require_path(out, "out")
     started = time.perf_counter()
-    wanted = frames if frames is not None else range(len(source))
-    if not wanted:
-        raise InputError(f"{source.name}: frames {wanted} select none of {len(source)} pairs")
     chosen = None if frames is None else [frames.start, frames.stop, frames.step]
     settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
     with RunFolder.create(out, settings) as folder:
@@ -121,7 +123,7 @@ def run(
 
 
 def run_path(
-    path: PathLike, out: PathLike, settings: Settings | None = None, *,
+    path: PathLike, out: PathLike, settings: Resolved | Settings | None = None, *,
     frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
 ) -> RunResult:  # fmt: skip
     """Open the sequence at a path and run it: one call of plain arguments, which a worker process can make.
@@ -132,7 +134,7 @@ def run_path(
         A folder or a bag, as `tspslam.datasets.open_sequence` takes it.
     out : str or path
         The run folder, as in `run`.
-    settings : Settings, optional
+    settings : Resolved or Settings, optional
         Stages of the kinds that settings have names for; the defaults serve.
     frames, progress, on_frame
         As `run`; the functions are called in the process that runs.
@@ -148,10 +150,31 @@ def run_path(
     OutputError
         If something cannot be written.
     """
-    stages = Settings() if settings is None else settings
-    require(stages, Settings, "settings")
-    resolved = Resolved(stages, {})
+    resolved = as_resolved(Settings() if settings is None else settings)
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
+
+
+def _require_source(source: object) -> None:
+    """Refuse what is no sequence of pairs."""
+    refuse_path(source, "source", "a sequence of pairs", "tspslam.datasets.open_sequence(path)")
+    lacking = [part for part in ("name", "rig", "__len__", "__getitem__") if not hasattr(source, part)]
+    if lacking or isinstance(source, type):
+        way = "OnePair(pair)" if isinstance(source, StereoPair) else "tspslam.datasets.open_sequence(path) gives one"
+        found = repr(source) if isinstance(source, type) else f"{told(source)} without {lacking[0]}"
+        raise InputError(f"source is {found:.80}, expected a sequence of pairs: {way}")
+
+
+def _wanted(source: Source, frames: range | None) -> range:
+    """The indices of the pairs to process."""
+    count = len(source)
+    wanted = range(count) if frames is None else frames
+    if not isinstance(wanted, range):
+        raise InputError(f"frames is {told(wanted)} {wanted!r:.40}, expected a range, such as range(0, 3)")
+    if not wanted:
+        raise InputError(f"{source.name}: frames {wanted} select none of {count} pairs")
+    if min(wanted) < 0 or max(wanted) >= count:
+        raise InputError(f"{source.name}: frames {wanted} go beyond its pairs, expected a range within 0 to {count}")
+    return wanted
 
 
 def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None) -> dict[str, Any]:

@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._brief import Brief
 from .._checks import refuse_path, require, with_part
 from ..errors import InputError
 from ..types import FloatArray, Signals
 from .complex import Boundary, Complex, Index, Rows, checked_count, checked_pairs, largest
 
 
-@dataclass(frozen=True)
-class Polygons:
+@dataclass(frozen=True, repr=False)
+class Polygons(Brief):
     """Rows of different lengths: ``len(polygons)``, ``polygons[k]`` and iteration give single ones.
 
     Attributes
@@ -44,7 +45,7 @@ class Polygons:
         return (self[k] for k in range(len(self)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CellComplex(Complex):
     """A complex whose faces are polygons. Build it with `merge_cells` or `build_cells`.
 

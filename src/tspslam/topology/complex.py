@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._brief import Brief, brief
 from .._checks import refuse_path, told, with_part
 from ..errors import InputError
 from ..types import IntArray
@@ -28,6 +29,9 @@ class Rows(NamedTuple):
     indptr: Index
     indices: Index
 
+    def __repr__(self) -> str:
+        return brief(self)
+
 
 class Boundary(NamedTuple):
     """Boundaries of elements: that of element x is ``rim[start[x]:start[x + 1]]``, with orientation ``sign`` ±1."""
@@ -35,6 +39,9 @@ class Boundary(NamedTuple):
     start: Index
     rim: Index
     sign: NDArray[np.int8]
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 class Neighbours(NamedTuple):
@@ -48,9 +55,12 @@ class Neighbours(NamedTuple):
     edge: csr_array
     face: csr_array
 
+    def __repr__(self) -> str:
+        return brief(self)
 
-@dataclass(frozen=True)
-class Complex:
+
+@dataclass(frozen=True, repr=False)
+class Complex(Brief):
     """A simplicial complex of vertices, edges and triangles. Build it with `build_complex`.
 
     Attributes

@@ -100,7 +100,7 @@ class CrustReport:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CrustSurface(Surface):
     """Triangles around a body, with the account of how they came about.
 

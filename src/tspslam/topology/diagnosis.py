@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from .._checks import with_part
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, FloatArray, IntArray
@@ -17,8 +18,8 @@ LARGEST = 1e100
 """Coordinates beyond this many metres are refused: areas and volumes must not overflow."""
 
 
-@dataclass(frozen=True)
-class SurfaceDiagnosis:
+@dataclass(frozen=True, repr=False)
+class SurfaceDiagnosis(Brief):
     """What `diagnose_surface` found.
 
     Attributes

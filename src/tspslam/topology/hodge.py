@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._brief import brief
 from .._checks import require
 from ..errors import InputError
 from ..types import FloatArray, Signals, real_array
@@ -28,6 +29,9 @@ class HodgeParts(NamedTuple):
     gradient: FloatArray
     curl: FloatArray
     harmonic: FloatArray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def hodge_decompose(complex_: Complex, edge_signal: ArrayLike, *, method: Method = "auto") -> HodgeParts:

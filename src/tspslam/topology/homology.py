@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from .._checks import require
 from ..types import FloatArray
 from .complex import Complex
@@ -28,8 +29,8 @@ class BettiNumbers(NamedTuple):
     voids: int
 
 
-@dataclass(frozen=True)
-class Homology:
+@dataclass(frozen=True, repr=False)
+class Homology(Brief):
     """What a tree and a cotree say of a complex.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._brief import Brief
 from .._checks import require, require_stage
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Signals
@@ -207,8 +208,8 @@ def spectral_filter(L: Any, signal: ArrayLike, response: Callable[[FloatArray], 
     return filtered
 
 
-@dataclass(frozen=True)
-class HeatKernel:
+@dataclass(frozen=True, repr=False)
+class HeatKernel(Brief):
     """The heat kernel ``K = exp(-t L)`` of a matrix, row by row: N × N numbers are never stored.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._brief import Brief
 from ..errors import InputError
 from ..types import FloatArray
 from .laplacian import checked_matrix, parts_of
@@ -21,8 +22,8 @@ LARGEST_VECTORS = 1 << 31
 """Bytes of eigenvectors that are still computed."""
 
 
-@dataclass(frozen=True)
-class Spectrum:
+@dataclass(frozen=True, repr=False)
+class Spectrum(Brief):
     """Eigenpairs of a symmetric matrix, ``L U = U diag(λ)``.
 
     Attributes

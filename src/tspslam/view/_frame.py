@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from .._checks import require
 from ..errors import InputError
 from ..frame import Frame
@@ -26,8 +27,8 @@ CLIP_PERCENT = (1.0, 99.0)
 CLIP_MARGIN = 0.25  # of the kept range: a torus keeps its rim, a stray point at 500 m does not set the view
 
 
-@dataclass(frozen=True)
-class Shown:
+@dataclass(frozen=True, repr=False)
+class Shown(Brief):
     """Values of one level of a complex, and where they exist.
 
     Attributes

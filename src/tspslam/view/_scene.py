@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from ..frame import Frame
 from ..types import BoolArray, FloatArray, one_channel
 from ._frame import (
@@ -46,8 +47,8 @@ LUMINANCE, PHASE, LOG_DEPTH = "luminance", "arg r [rad]", "z [m], logarithmic"
 Trace = Any  # go.Mesh3d or go.Scatter3d
 
 
-@dataclass(frozen=True)
-class View:
+@dataclass(frozen=True, repr=False)
+class View(Brief):
     """What one button shows.
 
     Attributes

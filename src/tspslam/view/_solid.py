@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from ..frame import Frame
 from ..types import BoolArray, FloatArray
 from . import _style as style
@@ -24,8 +25,8 @@ Rows = NDArray[np.int64]
 BACKDROP, FLOOR, BARE = "#f3f5f7", "#d3dae0", "#c3cad1"
 
 
-@dataclass(frozen=True)
-class Viewer:
+@dataclass(frozen=True, repr=False)
+class Viewer(Brief):
     """Where a picture in space is seen from.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._brief import Brief
 from .._checks import require
 from ..errors import InputError
 from ..types import FloatArray, Trajectory, real_array
@@ -21,8 +22,8 @@ _SLACK = 0.1  # of a distance, by which the nearest pair of poses may miss it
 _ROTATION = 1e-3
 
 
-@dataclass(frozen=True)
-class TrajectoryErrors:
+@dataclass(frozen=True, repr=False)
+class TrajectoryErrors(Brief):
     """What `evaluate_trajectory` found.
 
     Attributes

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from ..errors import GeometryError, InputError
 from ..types import Image, StereoPair
 from .rig import check_pair
@@ -125,8 +126,8 @@ def _smoothed(luminance: Plane) -> Plane:
     return plane
 
 
-@dataclass(frozen=True)
-class Pyramid:
+@dataclass(frozen=True, repr=False)
+class Pyramid(Brief):
     """An image in half, quarter and eighth size too.
 
     Attributes
@@ -167,8 +168,8 @@ def _halved(plane: Plane) -> Pyramid:
     return Pyramid(tuple(levels))
 
 
-@dataclass(frozen=True)
-class PreparedImage:
+@dataclass(frozen=True, repr=False)
+class PreparedImage(Brief):
     """One image of a pair in the forms that stages want; each is made once, when it is first asked for.
 
     Attributes
@@ -200,7 +201,7 @@ class PreparedImage:
         return _halved(self.smooth)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PreparedPair(StereoPair):
     """A pair that was checked, each of its images prepared once for all stages."""
 

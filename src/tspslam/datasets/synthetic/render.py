@@ -9,6 +9,7 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ...types import FloatArray, Rig
 from .shapes import Scene, Shape
 from .texture import leaves, pyramid
@@ -20,8 +21,8 @@ _INNER = np.array([[(i - 1.5) / 4, (j - 1.5) / 4] for j in range(4) for i in ran
 _STEP = 1.2  # ratio of depths beside each other that is an edge
 
 
-@dataclass(frozen=True)
-class Geometry:
+@dataclass(frozen=True, repr=False)
+class Geometry(Brief):
     """What is behind the centre of each pixel of the left image.
 
     Attributes
@@ -42,8 +43,8 @@ class Geometry:
     disparity: FloatArray
 
 
-@dataclass(frozen=True)
-class Triangles:
+@dataclass(frozen=True, repr=False)
+class Triangles(Brief):
     """The triangles of all shapes of a scene: what does not change with the camera.
 
     `paint` is (F, 2): tile and look of each triangle; `part` numbers the sides of shapes that join smoothly.

@@ -174,6 +174,9 @@ class SyntheticSequence:
         """The scene's name."""
         return self.scene.name
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
     def __len__(self) -> int:
         return len(self.indices)
 

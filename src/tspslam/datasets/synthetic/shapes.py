@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..._brief import Brief
 from ...errors import InputError
 from ...types import FloatArray, real_array
 from ._checks import FARTHEST, MAX_POSES, finite, instance, keep, label, number, refused, rigid, whole
@@ -18,8 +19,8 @@ _MAX_FACES = 2_000_000
 _MAX_VERTICES = 1_000_000  # of a ready shape
 
 
-@dataclass(frozen=True)
-class Shape:
+@dataclass(frozen=True, repr=False)
+class Shape(Brief):
     """A textured triangle mesh somewhere in the world, perhaps moving.
 
     Each triangle is lit as the one of the six sides of the shape's own frame that it faces most, away from the frame's
@@ -106,8 +107,8 @@ class Shape:
         return self.vertices @ self.pose[:3, :3].T + moved
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, repr=False)
+class Scene(Brief):
     """Shapes, and the path of a camera among them.
 
     Attributes

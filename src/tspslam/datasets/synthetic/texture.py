@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ...errors import InputError
 from ...types import FloatArray, real_array
 from ._checks import keep, number, whole
@@ -19,8 +20,8 @@ _MIN, _LARGEST = 3.0, SIZE / 8  # texels, half length of a leaf
 _COARSER = 4.3  # of the second layer
 
 
-@dataclass(frozen=True)
-class Texture:
+@dataclass(frozen=True, repr=False)
+class Texture(Brief):
     """The look of a shape: a square tile laid over and over each of its sides.
 
     Leaves of random size, place and grey lie one over the other, two layers of them: the statistics of natural images

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ..._checks import require
 from ..._threads import both
 from ...errors import GeometryError, InputError
@@ -21,8 +22,8 @@ _NEGLIGIBLE = 1e-9  # of a coefficient of distortion
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
-@dataclass(frozen=True)
-class Rectification:
+@dataclass(frozen=True, repr=False)
+class Rectification(Brief):
     """How the images of a raw pair become those of a rectified one. Make it with `rectification`.
 
     Attributes

@@ -13,6 +13,7 @@ from .formats.own import save_cameras
 from .rectify import rectification
 
 Size = tuple[int, int]
+_PIXELS = frozenset({"fx", "fy", "cx", "cy", "width", "height", "skew", "doffs"})
 
 
 def described(file: Path, size: Size | None = None) -> dict[str, Any]:
@@ -45,6 +46,27 @@ def described(file: Path, size: Size | None = None) -> dict[str, Any]:
         values |= {f"rectified.{name}": {"value": value, "origin": "computed"} for name, value in vars(rig).items()}
     kind = "two raw cameras" if is_raw else "a rectified pair" if rig.baseline else "a single camera"
     return {"format": found.format, "kind": kind, "values": values, "remarks": _remarks(found, rig)}
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a value of `described`; empty for a plain number, and for a matrix.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"left.fx"``.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> unit_of("rectified.fx"), unit_of("baseline"), unit_of("left.k1")
+    ('px', 'm', '')
+    """
+    last = name.split(".")[-1]
+    return "px" if last in _PIXELS else "m" if last == "baseline" else ""
 
 
 def converted(file: Path, output: Path, size: Size | None = None, rectify: bool = False) -> list[str]:

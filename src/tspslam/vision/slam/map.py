@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ..._settings import check_settings, setting
 from ...types import BoolArray, FloatArray, Rig
 from ..features.binary import Descriptors
@@ -89,8 +90,8 @@ class MapSettings:
         check_settings("tracking.map", self)
 
 
-@dataclass(frozen=True)
-class Keyframe:
+@dataclass(frozen=True, repr=False)
+class Keyframe(Brief):
     """A frame that the map rests on, and the landmarks that it sees.
 
     Attributes
@@ -142,8 +143,8 @@ class Keypoints:
     descriptors: Descriptors
 
 
-@dataclass(frozen=True)
-class MapSnapshot:
+@dataclass(frozen=True, repr=False)
+class MapSnapshot(Brief):
     """The map at one moment, apart from what it becomes; frames and landmarks go by numbers that stay.
 
     Attributes

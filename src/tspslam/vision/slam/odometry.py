@@ -240,6 +240,10 @@ class StereoOdometry:
             self.map, self._places, sigma_disparity=settings.sigma_disparity, sigma_offset=settings.sigma_offset
         )
 
+    def __repr__(self) -> str:
+        counts = f"{len(self.path)} frames, {len(self.map.keyframes)} keyframes, {len(self.map.xyz)} landmarks"
+        return f"StereoOdometry({counts})"
+
     @property
     def disparity_offset(self) -> tuple[float, float]:
         """Measured less true disparity, px, and its standard deviation, as the motion tells."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ...types import FloatArray, Rig
 from ..se3 import inverse
 from .bundle import lens_of, minimise
@@ -16,8 +17,8 @@ _SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are out
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 
-@dataclass(frozen=True)
-class PoseEstimate:
+@dataclass(frozen=True, repr=False)
+class PoseEstimate(Brief):
     """A pose, and the landmarks that agree with it.
 
     Attributes

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ..._settings import check_settings, setting
 from ...types import BoolArray, Cloud, FloatArray, Rig
 from ..images import PreparedPair, Pyramid
@@ -111,8 +112,8 @@ class TrackingSettings:
         return Patch(self.patch_radius, self.patch_contrast, self.patch_reach, self.min_correlation)
 
 
-@dataclass(frozen=True)
-class Tracked:
+@dataclass(frozen=True, repr=False)
+class Tracked(Brief):
     """Where a frame was taken, and which landmarks it sees.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ..._threads import thread_count
 from ...types import BoolArray, FloatArray
 
@@ -15,8 +16,8 @@ _NEEDED = 2
 _SLOPE = 0.1  # px of disparity per px of distance that a slanted surface may show
 
 
-@dataclass(frozen=True)
-class Matches:
+@dataclass(frozen=True, repr=False)
+class Matches(Brief):
     """Keypoints of the left image with their disparities.
 
     Attributes

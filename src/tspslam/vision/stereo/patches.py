@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._brief import Brief
 from ..._settings import check_settings, setting
 from ..._threads import in_halves
 from ...types import BoolArray, FloatArray
@@ -51,8 +52,8 @@ class Patches:
         check_settings("patches", self)
 
 
-@dataclass(frozen=True)
-class Alignment:
+@dataclass(frozen=True, repr=False)
+class Alignment(Brief):
     """Result of `refine`, one row a point.
 
     Attributes
