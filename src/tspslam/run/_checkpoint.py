@@ -46,7 +46,8 @@ def pack(made_by: bytes, rows: Sequence[Row], state: Arrays) -> bytes:
     heads = {name: np.frombuffer(data, np.uint8) for name, data in (("made_by", made_by), ("rows", text))}
     buffer = io.BytesIO()
     arrays = {name: np.ascontiguousarray(values).reshape(np.shape(values)) for name, values in state.items()}
-    np.savez(buffer, **heads, **arrays)  # no objects: heads and states are numbers
+    columns: dict[str, Any] = {**heads, **arrays}  # numbers only: no object is pickled
+    np.savez(buffer, **columns)
     return buffer.getvalue()
 
 
