@@ -302,3 +302,29 @@ def test_every_setting_is_on_the_page_of_settings():
         assert f"``{row.name}``" in text
         assert module.escaped(row.source) in text
         assert row.meaning in text
+
+
+@pytest.mark.parametrize("value", [1, 1.0, np.float32(1), np.int64(1)])
+def test_equal_values_are_one_setting(value):
+    assert flatten(Settings(tracking=Tracking(sigma_disparity=value)))["tracking.sigma_disparity"] == 1.0
+    assert type(Tracking(sigma_disparity=value).sigma_disparity) is float
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("nonsense: {}", "unknown setting 'nonsense'"),
+    ("matcher: {windows: {}}", "matcher.patches"),
+    ("tracking: {pose: {min_matches: {}}}", "tracking.pose.min_matches"),
+])  # fmt: skip
+def test_empty_groups_of_a_file_are_named_too(tmp_path, text, said):
+    (tmp_path / "s.yaml").write_text(text)
+    with pytest.raises(InputError, match=said):
+        resolve(file=tmp_path / "s.yaml")
+    (tmp_path / "s.yaml").write_text("tracking: {pose: {}}")
+    assert resolve(file=tmp_path / "s.yaml").settings == Settings()
+
+
+@pytest.mark.parametrize("stage", ["detector", "matcher", "tracking", "surface", "filter"])
+@pytest.mark.parametrize("wrong", [3, None, {}, []])
+def test_what_is_no_stage_is_named(stage, wrong):
+    with pytest.raises(InputError, match=f"settings: {stage} is .*, expected a "):
+        Settings(**{stage: wrong})

@@ -16,6 +16,7 @@ from .errors import InputError
 
 PYTHON_WORDS = {int: "an integer", float: "a number", bool: "True or False", str: "text", NoneType: "None"}
 YAML_WORDS = PYTHON_WORDS | {bool: "true or false", NoneType: "null"}
+_LARGE = 10**30  # numbers beyond are not written out in messages
 _ENTRY = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:[ ]+.*\n|\n(?=[ ]))+)", re.MULTILINE)
 
 
@@ -72,7 +73,7 @@ def copy_setting(kind: type, name: str) -> Any:
 
 
 def check_settings(what: str, settings: Any) -> None:
-    """Refuse a value of another type than its annotation, or out of its range.
+    """Refuse a value of another type than its annotation, or out of its range; numbers become of that very type.
 
     Parameters
     ----------
@@ -95,7 +96,9 @@ def check_settings(what: str, settings: Any) -> None:
             raise InputError(f"{what}: {each.name} is {repr(value)[:40]}, expected {describe_type(hint)}")
         low, high = each.metadata["low"], each.metadata["high"]
         if not is_within(value, low, high):
-            raise InputError(f"{what}: {each.name} is {value}, expected {describe_range(low, high)}")
+            shown = repr(value) if abs(value) < _LARGE else f"{repr(value)[:20]}..."
+            raise InputError(f"{what}: {each.name} is {shown}, expected {describe_range(low, high)}")
+        object.__setattr__(settings, each.name, _as(value, hint))  # equal settings are told alike
 
 
 @cache
@@ -215,6 +218,15 @@ def read_meanings(kind: type) -> dict[str, str]:
 
 def _plain(number: float | None) -> str:
     return f"{number:.7g}"
+
+
+def _as(value: Any, hint: Any) -> Any:
+    """A number as the plain type that its annotation names: 1, np.float32(1) and 1.0 are one setting."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    is_whole = int in (get_args(hint) or (hint,))
+    number: Any = value
+    return int(number) if is_whole else float(number)
 
 
 def _is(value: Any, hint: Any) -> bool:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from dataclasses import replace
 from functools import cached_property
 from threading import RLock
 from typing import Any, Protocol, TypeVar
+
+import numpy as np
 
 from ._checks import require, told
 from ._threads import Worker
@@ -163,6 +166,7 @@ class Session:
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
+        pair = _keep(pair)
         tracked = self.odometry.process(pair)
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(pair, tracked, self.settings)
@@ -201,6 +205,16 @@ class Session:
         """Wait for the frame whose response is being computed, if any."""
         if self._busy:
             wait([self._busy])
+
+
+def _keep(pair: StereoPair) -> StereoPair:
+    """The pair with images of its own, where a camera may write the next ones into these."""
+    images = {name: getattr(pair, name) for name in ("left", "right", "disparity")}
+    return replace(pair, **{n: image.copy() for n, image in images.items() if _may_change(image)})
+
+
+def _may_change(image: object) -> bool:
+    return isinstance(image, np.ndarray) and image.flags.writeable
 
 
 def _stereo_odometry(rig: Rig, stages: Settings) -> StereoOdometry:

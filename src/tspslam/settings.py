@@ -82,7 +82,7 @@ class Settings:
     def __post_init__(self) -> None:
         """Refuse the name of a stage, or its class, where an object goes that can be called."""
         for name, kinds in KINDS.items():
-            if isinstance(getattr(self, name), str | type):
+            if name != "tracking":
                 such = next(iter(kinds.values())).__name__
                 require_stage(getattr(self, name), f"settings: {name}", f"{such}()")
         if not isinstance(self.tracking, tuple(KINDS["tracking"].values())):
@@ -158,6 +158,8 @@ def list_settings(settings: Settings | None = None) -> list[Setting]:
     >>> row.default, row.range, row.unit
     (3.0, '0 to 60', 'degrees')
     """
+    if settings is not None:
+        require(settings, Settings, "settings")
     rows: list[Setting] = []
     for stage, kinds in KINDS.items():
         chosen = kinds if settings is None else {find_kind(settings, stage): type(getattr(settings, stage))}

@@ -144,6 +144,8 @@ ARRAYS = {
     "a keyframe twice": lambda state: state["keyframe_index"].__setitem__(1, state["keyframe_index"][0]),
     "a keyframe that is no frame": put("keyframe_index", -1, FRAMES),
     "stamps that fall": lambda state: state.update(stamps=state["stamps"][::-1].copy()),
+    "a number beyond all": put("next_id", (), 2**63 - 1),
+    "numbers that fall": put("landmark_id", 0, 10**6),
     "an offset without an end": put("bias", 1, 0.0),
     "an offset as wide as the image": put("bias", 0, 1e4),
     "a scalar for an array": lambda state: state.update(stamps=np.array(0.0)),

@@ -100,7 +100,6 @@ def test_some_frames_of_a_path_are_run_and_progress_is_told(walk, tmp_path):
 
 @pytest.mark.parametrize(("given", "said"), [
     ({"on_frame": "print"}, "on_frame is 'print', expected a callable, such as print"),
-    ({"settings": CHOSEN}, r"settings is Resolved, expected a Settings: tspslam.Settings\(detector=...\)"),
     ({"settings": "detector.count=800"}, "settings is the path 'detector.count=800'"),
 ])  # fmt: skip
 def test_what_cannot_be_called_or_is_no_setting_is_named_before_anything_is_made(walk, tmp_path, given, said):

@@ -81,13 +81,23 @@ def check(arrays: Arrays) -> None:
             raise InputError(f"array {name} holds a value that is not finite or too large")
     if arrays["response_order"] < 0:
         raise InputError(f"has a response of order {arrays['response_order']}")
-    if "landmark" in arrays and (arrays["landmark"] < -1).any():
-        raise InputError(f"array landmark holds {arrays['landmark'].min()}, where -1 is the least")
+    if arrays["index"] < 0:
+        raise InputError(f"has the index {arrays['index']}")
+    if "landmark" in arrays:
+        _check_landmarks(arrays["landmark"])
     T = arrays["T_world_camera"]
     off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
     if not (off < _ORTHONORMAL and np.linalg.det(T[:3, :3]) > 0 and (T[3] == (0, 0, 0, 1)).all()):
         raise InputError("array T_world_camera holds no rigid motion")
     _check_indices(arrays, known["n"][0], known["e"][0])
+
+
+def _check_landmarks(landmark: NDArray[Any]) -> None:
+    known = landmark[landmark != -1]
+    if (known < 0).any():
+        raise InputError(f"array landmark holds {known.min()}, where -1 is the least")
+    if len(np.unique(known)) < len(known):
+        raise InputError("array landmark holds a landmark twice")
 
 
 def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:

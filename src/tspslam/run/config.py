@@ -115,6 +115,8 @@ def resolve(preset: str = "default", file: PathLike | None = None, assignments: 
     from_preset = {name for name, value in chosen.items() if value != plain.get(name) and value == values.get(name)}
     origin = {name: f"preset {preset}" if name in from_preset else "default" for name in values}
     for source, name, value in given:
+        if value == {} and any(each.startswith(f"{name}.") for each in known):
+            continue  # a group of which nothing is said
         values[name] = _checked(name, value, known, source)
         origin[name] = source
     return Resolved(_rebuilt(start, values, origin), origin)
@@ -259,7 +261,7 @@ def _read(file: PathLike) -> dict[str, Any]:
 
 def _leaves(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value

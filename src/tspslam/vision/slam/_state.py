@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...types import FloatArray, Image, Rig
 from ..images import grey_levels, pyramid
 from ..rig import project
-from ..se3 import inverse
+from ..se3 import inverse, is_rigid
 from .map import Keyframe, Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
@@ -44,7 +44,6 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
 _MAY_BE_NAN = frozenset({"disparity"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
 _LARGEST = 1e9  # of any value; positions in m
-_ORTHONORMAL = 1e-6  # off from a rotation
 _ROUNDING = 1e-6  # m per m, of a product of poses
 _NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made by default: how far a camera sees
 _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
@@ -162,17 +161,11 @@ def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
         if kind == "<f8" and not ((np.abs(values) < _LARGEST) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
             yield f"array {name} holds a value that is not finite or too large"
     for name in ("anchored", "poses", "keyframe_pose"):
-        if not _are_rigid(state[name]):
+        if not is_rigid(state[name]):
             yield f"array {name} holds a pose that is no rigid motion"
     offset, information = state["bias"]
     if not (abs(offset) < rig.width and information > 0 and abs(state["row_offset"]) <= rig.height):
         yield "an offset is larger than the image"
-
-
-def _are_rigid(T: FloatArray) -> bool:
-    R = T[:, :3, :3]
-    off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0.0)
-    return bool(off < _ORTHONORMAL and (np.linalg.det(R) > 0).all() and (T[:, 3] == (0, 0, 0, 1)).all())
 
 
 def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
@@ -211,8 +204,13 @@ def _wrong_ids(state: Arrays) -> Iterator[str]:
     ids = state["landmark_id"]
     if (np.diff(ids) <= 0).any() or (ids.size and not 0 <= ids[0] <= ids[-1] < state["next_id"]):
         yield "numbers of landmarks do not ascend, or go beyond the next one"
-    if not ((state["merged"] >= 0) & (state["merged"] < state["next_id"])).all():
+    if not 0 <= state["next_id"] < _LARGEST:
+        yield "landmarks have numbers that no run comes to"
+    gone, kept = state["merged"].T
+    if not ((gone >= 0) & (gone < state["next_id"]) & (kept >= 0) & (kept < state["next_id"]) & (gone != kept)).all():
         yield "a landmark was merged that never was"
+    if len(np.unique(gone)) < len(gone):
+        yield "a landmark was merged twice"
 
 
 def _broken_path(state: Arrays, rig: Rig) -> Iterator[str]:

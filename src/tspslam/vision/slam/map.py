@@ -66,7 +66,7 @@ class MapSettings:
     Examples
     --------
     >>> MapSettings(spacing=20).spacing
-    20
+    20.0
     """
 
     min_total: float = setting(1.5, 0, 1e3, unit="px", source="a fifth of the depth is unsure at 0.3 px")
@@ -344,7 +344,8 @@ class Map:
         -------
         int
         """
-        return max(2 * self.window, int(self.settings.image_bytes / (self.rig.width * self.rig.height)))
+        room = int(self.settings.image_bytes / (self.rig.width * self.rig.height))
+        return max(2 * self.window, self.settings.references, room)
 
     def _cull_landmarks(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
@@ -391,7 +392,8 @@ class Map:
         is_seen = np.zeros(len(self.xyz), np.bool_)
         for frame in self.keyframes[-self.window :]:
             is_seen[frame.landmark] = True
-        return [k for k, frame in enumerate(self.keyframes[: -self.window]) if is_seen[frame.landmark].any()]
+        recent = max(self.window, self.settings.references)
+        return [k for k, frame in enumerate(self.keyframes[:-recent]) if is_seen[frame.landmark].any()]
 
     def _replacement(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
         """Which older keyframe can stand for one, if that can go."""

@@ -230,9 +230,10 @@ class StereoOdometry:
         matcher: Matcher | None = None,
         tracking: Tracking | None = None,
     ) -> None:
-        self.rig, self.tracking = rig, tracking or Tracking()
-        self._detect, self._match = detector or OrbDetector(), matcher or RowMatcher()
-        self._near, self._row_offset = search_near(self._match), 0.0
+        self.rig, self.tracking = rig, Tracking() if tracking is None else tracking
+        self._detect = OrbDetector() if detector is None else detector
+        self._match = RowMatcher() if matcher is None else matcher
+        self._near, self._row_offset, self._is_closed = search_near(self._match), 0.0, False
         settings = self.tracking
         self.map, self.path = Map(rig, window=settings.window, settings=settings.map), CameraPath()
         self._places = PlaceRecognition(self.map, settings.pose, settings.loops)
@@ -299,6 +300,8 @@ class StereoOdometry:
         return self._tracked(estimate, stereo, watch)
 
     def _check(self, name: str, rig: Rig, stamp: float) -> None:
+        if self._is_closed:
+            raise InputError(f"{name}: the odometry is closed, expected an open one")
         if rig != self.rig:
             raise InputError(f"{name}: its rig is {rig}, expected the odometry's {self.rig}")
         if len(self.path) and not stamp >= self.path.stamps[-1]:
@@ -355,7 +358,7 @@ class StereoOdometry:
         is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
         covariance = np.zeros((6, 6)) if is_first else np.full((6, 6), np.inf)
         tracked = Tracked(
-            T_world_camera=self.path.pose,
+            T_world_camera=self.path.pose.copy(),
             covariance=covariance if estimate is None else estimate.covariance,
             matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
             is_keyframe=stereo is not None,
@@ -366,7 +369,7 @@ class StereoOdometry:
         if seen is None:
             return tracked
         numbers = self.map.landmark_id[seen.landmark]
-        return replace(tracked, landmark=numbers, uv=seen.uv, disparity=seen.disparity)
+        return replace(tracked, landmark=numbers, uv=seen.uv.copy(), disparity=seen.disparity.copy())
 
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
@@ -374,7 +377,8 @@ class StereoOdometry:
             self.path.pose = self.mapper.finish(self.path.pose)
 
     def close(self) -> None:
-        """Let the worker thread go; no further pair can be processed."""
+        """Release the worker thread; no further pair can be processed."""
+        self._is_closed = True
         self.mapper.close()
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -387,7 +391,7 @@ class StereoOdometry:
         """
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.loops, mapper.is_adjusting
-        return map_state(self.map) | {
+        state = map_state(self.map) | {
             "stamps": np.array(path.stamps),
             "anchors": np.array([index for index, _ in path.anchors], np.int64),
             "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
@@ -396,6 +400,7 @@ class StereoOdometry:
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
+        return {name: values.copy() for name, values in state.items()}  # the map goes on
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a state.
@@ -413,6 +418,7 @@ class StereoOdometry:
             If it is none that this odometry can have given.
         """
         check_state(state, self.rig)
+        state = {name: values.copy() for name, values in state.items()}
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper

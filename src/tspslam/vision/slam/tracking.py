@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
+from ..._checks import told
 from ..._settings import check_settings, setting
+from ...errors import InputError
 from ...types import BoolArray, Cloud, FloatArray, Rig
 from ..images import PreparedPair, Pyramid
 from ..rig import project
-from ..se3 import inverse
+from ..se3 import inverse, is_rigid
 from ..stereo.dense import checked_map, sample_map
 from ..stereo.reconstruct import Stereo
 from ..stereo.row_matcher import SearchNear, level_rows
@@ -151,6 +153,18 @@ class Tracked(Brief):
     landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     uv: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     disparity: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        """Refuse a pose that is none, and columns that do not fit; what they mean is left to the odometry."""
+        T, K = self.T_world_camera, np.shape(self.landmark)
+        if np.shape(T) != (4, 4) or not is_rigid(np.asarray(T, np.float64)):
+            raise InputError(f"tracked: T_world_camera is {told(T)}, expected a (4, 4) rigid motion")
+        if len(K) != 1 or np.shape(self.uv) != (*K, 2) or np.shape(self.disparity) != K:
+            shapes = ", ".join(str(np.shape(column)) for column in (self.landmark, self.uv, self.disparity))
+            raise InputError(f"tracked: landmark, uv, disparity have shapes {shapes}, expected (K,), (K, 2), (K,)")
+        landmark = np.asarray(self.landmark)
+        if landmark.dtype.kind not in "iu" or (landmark < 0).any() or len(np.unique(landmark)) < len(landmark):
+            raise InputError(f"tracked: landmark is {told(landmark)}, expected whole numbers from 0, each once")
 
     def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
         """Tell which landmark each point of the frame's cloud is.

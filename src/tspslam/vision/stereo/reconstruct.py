@@ -185,7 +185,7 @@ def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     left, right = both(lambda image: detect(image.grey), (pair.left_image, pair.right_image))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
-    require(matches, Matches, "matcher: result")
+    _check_matches(matches, left, right)
     refuse_one_picture_stored_twice(pair, matches)
     cloud = triangulate(pair.rig, left, matches)
     explain_mismatch(pair, left, right, len(cloud))
@@ -226,12 +226,40 @@ def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset
 
 def _require_features(pair: StereoPair, left: Features, right: Features) -> None:
     for features in (left, right):
-        require(features, Features, "detector: result")
+        _check_features(features)
     if min(len(left.uv), len(right.uv)) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
             f"the images have too little texture{_darkness(pair)}"
         )
+
+
+def _check_features(features: Features) -> None:
+    """Refuse what a detector of one's own gave, if its columns do not fit."""
+    require(features, Features, "detector: result")
+    shapes = {name: np.shape(getattr(features, name)) for name in ("uv", "descriptor", "score", "scale", "angle")}
+    n = shapes["uv"][:1]
+    expected = {"uv": (*n, 2), "score": n, "scale": n, "angle": n}
+    if any(shapes[name] != shape for name, shape in expected.items()) or shapes["descriptor"][:-1] != n:
+        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise InputError(f"detector: result has {found}, expected (N, 2), (N, D), (N,), (N,), (N,)")
+    if not np.isfinite(features.uv).all():
+        raise InputError("detector: result has a keypoint that is not finite, expected px")
+
+
+def _check_matches(matches: Matches, left: Features, right: Features) -> None:
+    """Refuse what a matcher of one's own gave, if its columns do not fit or name no keypoint."""
+    require(matches, Matches, "matcher: result")
+    i, j = np.asarray(matches.left_index), np.asarray(matches.right_index)
+    if not i.shape == j.shape == np.shape(matches.disparity) == np.shape(matches.score) == (len(i),):
+        raise InputError("matcher: result has columns of several lengths, expected (M,) each")
+    is_whole = i.dtype.kind in "iu" and j.dtype.kind in "iu"
+    if not is_whole or (
+        len(i) and not (0 <= i.min() <= i.max() < len(left.uv) and -1 <= j.min() <= j.max() < len(right.uv))
+    ):
+        raise InputError("matcher: result names a keypoint that is not there, expected rows of left and right features")
+    if len(np.unique(i)) < len(i):
+        raise InputError("matcher: result has a left keypoint twice, expected each at most once")
 
 
 def _darkness(pair: StereoPair) -> str:

@@ -62,7 +62,7 @@ def search_near(matcher: object) -> SearchNear:
     Examples
     --------
     >>> search_near(DescriptorMatcher(max_disparity=64)).__self__.max_disparity
-    64
+    64.0
     """
     own: SearchNear | None = getattr(matcher, "near", None)
     high, low = (getattr(matcher, name, None) for name in ("max_disparity", "min_disparity"))
