@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pytest
 
 import tspslam
-from tspslam import InputError, Patches, Settings, list_settings
+from tspslam import InputError, Patches, Settings, Tracking, list_settings
 from tspslam._settings import check_settings, copy_setting, setting
 from tspslam._yaml import dump_yaml
-from tspslam.run.config import RENAMED, describe, resolve, tabulate
+from tspslam.run.config import RENAMED, describe, flatten, resolve, tabulate
 from tspslam.settings import KINDS, PRESETS, find_kind
 
 ROWS = {f"{row.name}, {row.kind}": row for row in list_settings()}

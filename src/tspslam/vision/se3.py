@@ -53,12 +53,11 @@ def is_rigid(T: FloatArray) -> bool:
     >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
     (True, False)
     """
+    if not np.isfinite(T).all():
+        return False
     R = T[..., :3, :3]
     off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
-    is_right_handed = (np.linalg.det(R) > 0).all()
-    return bool(
-        np.isfinite(T).all() and off < _ORTHONORMAL and is_right_handed and (T[..., 3, :] == (0, 0, 0, 1)).all()
-    )
+    return bool(off < _ORTHONORMAL and (np.linalg.det(R) > 0).all() and (T[..., 3, :] == (0, 0, 0, 1)).all())
 
 
 def normalised(T: FloatArray) -> FloatArray:

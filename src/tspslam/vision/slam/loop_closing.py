@@ -68,20 +68,36 @@ class LoopSettings:
     1.0
     """
 
-    min_error: float = setting(1.0, 0, 100, unit="px", source="three times the standard deviation of a tracked point")
-    candidates: int = setting(2, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
-    lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="each costs as much as tracking a frame")
-    sample: int = setting(400, 1, 100_000, unit="descriptors", source="more change no choice on KITTI and EuRoC")
-    max_distance: float = setting(0.3, 0, 10, unit="m per m of depth", source="patches no longer look alike beyond")
-    drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="twice the largest RPE over 10 m on KITTI")
-    drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="a turn's error of 1 degree")
-    max_angle: float = setting(40.0, 0, 180, unit="degrees", source="half of a usual field of view")
-    known_share: float = setting(0.3, 0, 1, unit="", source="chosen by hand on a synthetic room")
-    min_landmarks: int = setting(30, 4, 10_000, unit="landmarks", source="twice what a pose needs")
-    same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="three standard deviations of a tracked point")
-    max_hamming: float = setting(64.0, 0, 256, unit="bits", source="as the matcher of the two images")
-    ratio: float = setting(0.85, 0, 1, unit="", source="as the matcher of the two images")
-    pnp_error: float = setting(4.0, 0.1, 100, unit="px", source="keypoints of coarse octaves are as far off")
+    min_error: float = setting(1.0, 0, 100, unit="px", source="by hand; half or twice: the same paths")
+    candidates: int = setting(2, 0, 100, unit="keyframes", source="by hand; half or twice: the same paths")
+    lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="by hand; half or twice: the same paths")
+    sample: int = setting(400, 1, 100_000, unit="descriptors", source="by hand; half or twice: the same paths")
+    max_distance: float = setting(
+        0.3, 0, 10, unit="m per m of depth", source="by hand; corridor 0.15: 1.5, 0.6: 1.7 mm (1.5)"
+    )
+    drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="by hand; half or twice: the same paths")
+    drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half or twice: the same paths")
+    max_angle: float = setting(40.0, 0, 180, unit="degrees", source="by hand; half or twice: the same paths")
+    known_share: float = setting(0.3, 0, 1, unit="", source="by hand; corridor 0.15: 1.7, 0.6: 1.5 mm (1.5)")
+    min_landmarks: int = setting(
+        30, 4, 10_000, unit="landmarks", source="twice what a pose needs; half or twice: the same paths"
+    )
+    same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="by hand; corridor 0.5: 1.5, 2: 1.7 mm (1.5)")
+    max_hamming: float = setting(
+        64.0,
+        0,
+        256,
+        unit="bits",
+        source="as in matching left to right; corridor 32: 1.6, 128: 1.5 mm (1.5)",
+    )
+    ratio: float = setting(
+        0.85,
+        0,
+        1,
+        unit="",
+        source="as in matching left to right; corridor 0.425: 1.6, 1: 1.5 mm (1.5)",
+    )
+    pnp_error: float = setting(4.0, 0.1, 100, unit="px", source="by hand; corridor 2: 1.5, 8: 1.6 mm (1.5)")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
