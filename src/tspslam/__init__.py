@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from .vision.slam.map import MapSnapshot as MapSnapshot
     from .vision.slam.odometry import StereoOdometry as StereoOdometry
     from .vision.slam.odometry import Tracking as Tracking
-    from .vision.slam.tracking import Tracked as Tracked
+    from .vision.slam.pose import Tracked as Tracked
     from .vision.slam.tracking import TrackingSettings as TrackingSettings
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
     from .vision.stereo.dense import cloud_from_disparity as cloud_from_disparity
@@ -146,7 +146,8 @@ _HOMES = {
     "vision.stereo.patches": ("Patches",),
     "vision.stereo.reconstruct": ("reconstruct",),
     "vision.slam.odometry": ("StereoOdometry", "Tracking"),
-    "vision.slam.tracking": ("Tracked", "TrackingSettings"),
+    "vision.slam.pose": ("Tracked",),
+    "vision.slam.tracking": ("TrackingSettings",),
     "vision.slam.map": ("MapSettings", "MapSnapshot"),
     "vision.slam.loop_closing": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),

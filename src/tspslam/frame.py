@@ -16,7 +16,7 @@ from .types import Cloud, FloatArray, Image, Response, Rig, Signals, Surface
 
 if TYPE_CHECKING:
     from .topology.complex import Complex
-    from .vision.slam.tracking import Tracked
+    from .vision.slam.pose import Tracked
     from .vision.stereo.reconstruct import StereoQuality
 
 T = TypeVar("T")

@@ -22,7 +22,7 @@ from .topology.texture import sample_signals
 from .types import Response, Rig, StereoPair, Surface, Trajectory
 from .vision.rig import require_baseline
 from .vision.slam.odometry import StereoOdometry
-from .vision.slam.tracking import Tracked
+from .vision.slam.pose import Tracked
 from .vision.stereo.reconstruct import Stereo, match_stereo
 
 T = TypeVar("T")

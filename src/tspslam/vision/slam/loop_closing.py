@@ -68,19 +68,19 @@ class LoopSettings:
     1.0
     """
 
-    min_error: float = setting(1.0, 0, 100, unit="px", source="by hand; half or twice: the same paths")
-    candidates: int = setting(2, 0, 100, unit="keyframes", source="by hand; half or twice: the same paths")
-    lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="by hand; half or twice: the same paths")
-    sample: int = setting(400, 1, 100_000, unit="descriptors", source="by hand; half or twice: the same paths")
+    min_error: float = setting(1.0, 0, 100, unit="px", source="by hand; half, twice: same paths")
+    candidates: int = setting(2, 0, 100, unit="keyframes", source="by hand; half, twice: same paths")
+    lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="by hand; half, twice: same paths")
+    sample: int = setting(400, 1, 100_000, unit="descriptors", source="by hand; half, twice: same paths")
     max_distance: float = setting(
         0.3, 0, 10, unit="m per m of depth", source="by hand; corridor 0.15: 1.5, 0.6: 1.7 mm (1.5)"
     )
-    drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="by hand; half or twice: the same paths")
-    drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half or twice: the same paths")
-    max_angle: float = setting(40.0, 0, 180, unit="degrees", source="by hand; half or twice: the same paths")
+    drift_rate: float = setting(0.02, 0, 1, unit="m per m", source="by hand; half, twice: same paths")
+    drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half, twice: same paths")
+    max_angle: float = setting(40.0, 0, 180, unit="degrees", source="by hand; half, twice: same paths")
     known_share: float = setting(0.3, 0, 1, unit="", source="by hand; corridor 0.15: 1.7, 0.6: 1.5 mm (1.5)")
     min_landmarks: int = setting(
-        30, 4, 10_000, unit="landmarks", source="twice what a pose needs; half or twice: the same paths"
+        30, 4, 10_000, unit="landmarks", source="twice what a pose needs; half, twice: same paths"
     )
     same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="by hand; corridor 0.5: 1.5, 2: 1.7 mm (1.5)")
     max_hamming: float = setting(

@@ -69,39 +69,21 @@ class MapSettings:
     20.0
     """
 
-    min_total: float = setting(
-        1.5,
-        0,
-        1e3,
-        unit="px",
-        source="0.3 px are a fifth of it: so unsure is the depth; KITTI 05 0.75: 45, 3: 37 mm (38)",
-    )
-    spacing: float = setting(
-        12.0, 1, 1e3, unit="px", source="patches of 11 px do not overlap; KITTI 05 6: 56, 24: 33 mm (38)"
-    )
+    min_total: float = setting(1.5, 0, 1e3, unit="px", source="0.3 px are a fifth; KITTI 05 0.75: 45, 3: 37 mm (38)")
+    spacing: float = setting(12.0, 1, 1e3, unit="px", source="patches stay apart; KITTI 05 6: 56, 24: 33 mm (38)")
     references: int = setting(3, 1, 50, unit="keyframes", source="by hand; KITTI 05 2: 39, 6: 40 mm (38)")
     cull_every: int = setting(10, 1, 1000, unit="keyframes", source="by hand; KITTI 05 5: 38, 20: 38 mm (38)")
-    min_views: int = setting(3, 1, 100, unit="keyframes", source="Mur-Artal et al. 2015; half or twice: the same paths")
-    redundant_share: float = setting(
-        0.9, 0, 1, unit="", source="Mur-Artal et al. 2015; KITTI 05 0.45: 40, 1: 38 mm (38)"
-    )
-    twin_distance: float = setting(0.1, 0, 10, unit="m per m of depth", source="by hand; half or twice: the same paths")
-    twin_angle: float = setting(15.0, 0, 180, unit="degrees", source="by hand; half or twice: the same paths")
-    twin_share: float = setting(0.3, 0, 1, unit="", source="by hand; half or twice: the same paths")
-    image_bytes: float = setting(
-        100e6, 0, 1e12, unit="bytes", source="217 keyframes of KITTI; half or twice: the same paths"
-    )
-    min_shared: int = setting(4, 1, 1000, unit="landmarks", source="by hand; half or twice: the same paths")
-    min_points: int = setting(
-        30, 3, 10_000, unit="landmarks", source="twice what a pose needs; half or twice: the same paths"
-    )
-    max_keyframes: int = setting(
-        500, 2, 5000, unit="keyframes", source="their equations take 72 MB; half or twice: the same paths"
-    )
+    min_views: int = setting(3, 1, 100, unit="keyframes", source="Mur-Artal 2015; half, twice: same paths")
+    redundant_share: float = setting(0.9, 0, 1, unit="", source="Mur-Artal 2015; KITTI 05 0.45: 40, 1: 38 mm (38)")
+    twin_distance: float = setting(0.1, 0, 10, unit="m per m of depth", source="by hand; half, twice: same paths")
+    twin_angle: float = setting(15.0, 0, 180, unit="degrees", source="by hand; half, twice: same paths")
+    twin_share: float = setting(0.3, 0, 1, unit="", source="by hand; half, twice: same paths")
+    image_bytes: float = setting(100e6, 0, 1e12, unit="bytes", source="217 keyframes of KITTI; half, twice: same paths")
+    min_shared: int = setting(4, 1, 1000, unit="landmarks", source="by hand; half, twice: same paths")
+    min_points: int = setting(30, 3, 10_000, unit="landmarks", source="two poses' need; half, twice: same paths")
+    max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="72 MB of equations; half, twice: same paths")
     max_steps: int = setting(8, 1, 100, unit="steps", source="by hand; KITTI 05 4: 38, 16: 38 mm (38)")
-    outlier: float = setting(
-        5.0, 1, 100, unit="standard deviations", source="by hand; KITTI 05 2.5: 42, 10: 40 mm (38)"
-    )
+    outlier: float = setting(5.0, 1, 100, unit="sigmas", source="by hand; KITTI 05 2.5: 42, 10: 40 mm (38)")
 
     def __post_init__(self) -> None:
         """Check the ranges."""

@@ -24,8 +24,8 @@ from ._state import check_state, map_state, restore_map
 from .local_mapping import LocalMapper
 from .loop_closing import LoopSettings, PlaceRecognition
 from .map import Map, MapSettings
-from .pose import PoseEstimate
-from .tracking import Tracked, TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, track_pose
+from .pose import PoseEstimate, Tracked
+from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, track_pose
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
@@ -69,7 +69,7 @@ class Tracking:
 
     window: int = setting(7, 2, 50, unit="keyframes", source="by hand; KITTI 05 4: 41, 14: 45 mm (38)")
     keyframe_share: float = setting(0.5, 0, 1, unit="", source="by hand; KITTI 05 0.25: 110, 1: 31 mm (38)")
-    patience: int = setting(3, 1, 1000, unit="frames", source="by hand; half or twice: the same paths")
+    patience: int = setting(3, 1, 1000, unit="frames", source="by hand; half, twice: same paths")
     sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="by hand; KITTI 05 0.15: 43, 0.6: 47 mm (38)")
     sigma_offset: float = setting(
         0.3,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
-from ...types import FloatArray, Rig
-from ..se3 import inverse
+from ..._checks import told
+from ...errors import InputError
+from ...types import Cloud, FloatArray, Rig
+from ..se3 import inverse, is_rigid
+from ..stereo.reconstruct import Stereo
 from .bundle import lens_of, minimise
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
@@ -51,6 +54,88 @@ class PoseEstimate(Brief):
     def share(self) -> float:
         """Share of the landmarks in view that agree."""
         return len(self) / max(self.in_view, 1)
+
+
+@dataclass(frozen=True, repr=False)
+class Tracked(Brief):
+    """Where a frame was taken, and which landmarks it sees.
+
+    Attributes
+    ----------
+    T_world_camera : (4, 4) float64
+        Pose of the left camera; the world is the first frame's.
+    covariance : (6, 6) float64
+        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is not known.
+    matches : int
+        Landmarks that agree with it.
+    is_keyframe : bool
+        Whether the map rests on it.
+    is_lost : bool
+        Whether too few landmarks were found: the pose is that of a constant velocity.
+    stereo : Stereo or None
+        What both images show, where that was looked for.
+    seconds : dict
+        Time of following, of the points of a keyframe, of adding it to the map, and of waiting for an adjustment, s;
+        varies from run to run.
+    landmark : (K,) int64
+        Numbers of the landmarks that it sees (`Map.landmark_id`), which stay.
+    uv : (K, 2) float64
+        Where, px.
+    disparity : (K,) float64
+        As measured, px; NaN where not known.
+    """
+
+    T_world_camera: FloatArray
+    covariance: FloatArray = field(default_factory=lambda: np.full((6, 6), np.inf))
+    matches: int = 0
+    is_keyframe: bool = False
+    is_lost: bool = False
+    stereo: Stereo | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    uv: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    disparity: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        """Refuse a pose that is none, and columns that do not fit; what they mean is left to the odometry."""
+        T, K = self.T_world_camera, np.shape(self.landmark)
+        if np.shape(T) != (4, 4) or not is_rigid(np.asarray(T, np.float64)):
+            raise InputError(f"tracked: T_world_camera is {told(T)}, expected a (4, 4) rigid motion")
+        if len(K) != 1 or np.shape(self.uv) != (*K, 2) or np.shape(self.disparity) != K:
+            shapes = ", ".join(str(np.shape(column)) for column in (self.landmark, self.uv, self.disparity))
+            raise InputError(f"tracked: landmark, uv, disparity have shapes {shapes}, expected (K,), (K, 2), (K,)")
+        landmark = np.asarray(self.landmark)
+        if landmark.dtype.kind not in "iu" or (landmark < 0).any() or len(np.unique(landmark)) < len(landmark):
+            raise InputError(f"tracked: landmark is {told(landmark)}, expected whole numbers from 0, each once")
+
+    def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
+        """Tell which landmark each point of the frame's cloud is.
+
+        Parameters
+        ----------
+        cloud : Cloud
+            N points of this frame.
+        within : float
+            Largest distance of the two in u, v and disparity, px.
+
+        Returns
+        -------
+        (N,) int64
+            Numbers of landmarks, each at most once; -1 where a point is none.
+        """
+        from scipy.spatial import cKDTree
+
+        seen = np.column_stack([self.uv, self.disparity])
+        known = np.flatnonzero(np.isfinite(seen).all(axis=1))
+        found = np.full(len(cloud), -1)
+        if len(known):
+            points = np.column_stack([cloud.uv, cloud.disparity])
+            away, nearest = cKDTree(seen[known]).query(points, distance_upper_bound=within)
+            order = np.argsort(away, kind="stable")
+            one, first = np.unique(nearest[order], return_index=True)  # the nearest point of each
+            is_seen = one < len(known)
+            found[order[first[is_seen]]] = self.landmark[known[one[is_seen]]]
+        return found
 
 
 @dataclass(frozen=True)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._brief import Brief
-from ..._checks import told
 from ..._settings import check_settings, setting
-from ...errors import InputError
-from ...types import BoolArray, Cloud, FloatArray, Rig
+from ...types import BoolArray, FloatArray, Rig
 from ..images import PreparedPair, Pyramid
 from ..rig import project
-from ..se3 import inverse, is_rigid
+from ..se3 import inverse
 from ..stereo.dense import checked_map, sample_map
-from ..stereo.reconstruct import Stereo
 from ..stereo.row_matcher import SearchNear, level_rows
 from .patch_tracking import Patch, track_patches, warps
 from .pose import PoseEstimate, fit_robustly
@@ -94,29 +90,25 @@ class TrackingSettings:
     sigma_uv: float = setting(0.3, 0.01, 10, unit="px", source="by hand; KITTI 05 0.15: 33, 0.6: 58 mm (38)")
     rough_sigma_uv: float = setting(2.0, 0.01, 50, unit="px", source="by hand; KITTI 05 1: 41, 4: 39 mm (38)")
     rough_points: int = setting(300, 15, 1_000_000, unit="points", source="by hand; KITTI 05 150: 37, 600: 38 mm (38)")
-    rough_gate: float = setting(
-        5.0, 1, 100, unit="standard deviations", source="by hand; half or twice: the same paths"
-    )
-    first_gate: float = setting(
-        6.0, 1, 100, unit="standard deviations", source="by hand; KITTI 05 3: 39, 12: 40 mm (38)"
-    )
+    rough_gate: float = setting(5.0, 1, 100, unit="sigmas", source="by hand; half, twice: same paths")
+    first_gate: float = setting(6.0, 1, 100, unit="sigmas", source="by hand; KITTI 05 3: 39, 12: 40 mm (38)")
     last_gate: float = setting(
         3.5,
         1,
         100,
-        unit="standard deviations",
+        unit="sigmas",
         source="drops 2 in 1 000 inliers; KITTI 05 1.75: 30, 7: 55 mm (38)",
     )
-    min_matches: int = setting(15, 4, 10_000, unit="landmarks", source="by hand; half or twice: the same paths")
+    min_matches: int = setting(15, 4, 10_000, unit="landmarks", source="by hand; half, twice: same paths")
     min_agreement: float = setting(0.3, 0, 1, unit="", source="by hand; KITTI 05 0.15: 38, 0.6: 98 (4 lost) mm (38)")
     max_zoom: float = setting(2.5, 1, 100, unit="times", source="by hand; KITTI 05 1.25: 41, 5: 36 mm (38)")
-    min_depth: float = setting(0.1, 1e-3, 1e3, unit="m", source="by hand; half or twice: the same paths")
+    min_depth: float = setting(0.1, 1e-3, 1e3, unit="m", source="by hand; half, twice: same paths")
     clear_share: float = setting(0.25, 0, 1, unit="", source=f"{_DRIVES}; 0.27 and more at 5 m a frame")
     steady_share: float = setting(0.05, 0, 1, unit="", source="a synthetic object over a third of the view")
     lone_share: float = setting(0.12, 0, 1, unit="", source=_DRIVES)
     relocalized_share: float = setting(0.1, 0, 1, unit="", source=f"{_DRIVES}; 0.1 and more seconds apart")
     overrule: float = setting(3.0, 1, 100, unit="times", source="right poses had 4 times and more those of wrong ones")
-    same_pose: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half or twice: the same paths")
+    same_pose: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half, twice: same paths")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -126,88 +118,6 @@ class TrackingSettings:
     def patch(self) -> Patch:
         """What a patch is."""
         return Patch(self.patch_radius, self.patch_contrast, self.patch_reach, self.min_correlation)
-
-
-@dataclass(frozen=True, repr=False)
-class Tracked(Brief):
-    """Where a frame was taken, and which landmarks it sees.
-
-    Attributes
-    ----------
-    T_world_camera : (4, 4) float64
-        Pose of the left camera; the world is the first frame's.
-    covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is not known.
-    matches : int
-        Landmarks that agree with it.
-    is_keyframe : bool
-        Whether the map rests on it.
-    is_lost : bool
-        Whether too few landmarks were found: the pose is that of a constant velocity.
-    stereo : Stereo or None
-        What both images show, where that was looked for.
-    seconds : dict
-        Time of following, of the points of a keyframe, of adding it to the map, and of waiting for an adjustment, s;
-        varies from run to run.
-    landmark : (K,) int64
-        Numbers of the landmarks that it sees (`Map.landmark_id`), which stay.
-    uv : (K, 2) float64
-        Where, px.
-    disparity : (K,) float64
-        As measured, px; NaN where not known.
-    """
-
-    T_world_camera: FloatArray
-    covariance: FloatArray = field(default_factory=lambda: np.full((6, 6), np.inf))
-    matches: int = 0
-    is_keyframe: bool = False
-    is_lost: bool = False
-    stereo: Stereo | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
-    landmark: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    uv: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    disparity: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        """Refuse a pose that is none, and columns that do not fit; what they mean is left to the odometry."""
-        T, K = self.T_world_camera, np.shape(self.landmark)
-        if np.shape(T) != (4, 4) or not is_rigid(np.asarray(T, np.float64)):
-            raise InputError(f"tracked: T_world_camera is {told(T)}, expected a (4, 4) rigid motion")
-        if len(K) != 1 or np.shape(self.uv) != (*K, 2) or np.shape(self.disparity) != K:
-            shapes = ", ".join(str(np.shape(column)) for column in (self.landmark, self.uv, self.disparity))
-            raise InputError(f"tracked: landmark, uv, disparity have shapes {shapes}, expected (K,), (K, 2), (K,)")
-        landmark = np.asarray(self.landmark)
-        if landmark.dtype.kind not in "iu" or (landmark < 0).any() or len(np.unique(landmark)) < len(landmark):
-            raise InputError(f"tracked: landmark is {told(landmark)}, expected whole numbers from 0, each once")
-
-    def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
-        """Tell which landmark each point of the frame's cloud is.
-
-        Parameters
-        ----------
-        cloud : Cloud
-            N points of this frame.
-        within : float
-            Largest distance of the two in u, v and disparity, px.
-
-        Returns
-        -------
-        (N,) int64
-            Numbers of landmarks, each at most once; -1 where a point is none.
-        """
-        from scipy.spatial import cKDTree
-
-        seen = np.column_stack([self.uv, self.disparity])
-        known = np.flatnonzero(np.isfinite(seen).all(axis=1))
-        found = np.full(len(cloud), -1)
-        if len(known):
-            points = np.column_stack([cloud.uv, cloud.disparity])
-            away, nearest = cKDTree(seen[known]).query(points, distance_upper_bound=within)
-            order = np.argsort(away, kind="stable")
-            one, first = np.unique(nearest[order], return_index=True)  # the nearest point of each
-            is_seen = one < len(known)
-            found[order[first[is_seen]]] = self.landmark[known[one[is_seen]]]
-        return found
 
 
 @dataclass(frozen=True)
