@@ -147,3 +147,14 @@ def test_no_other_class_has_the_parts_of_a_frame():
                 names = {getattr(each, "name", getattr(getattr(each, "target", None), "id", "")) for each in node.body}
                 found += [node.name] if parts <= names else []
     assert found == ["Frame"]
+
+
+@pytest.mark.parametrize(("part", "said"), [
+    ({"cloud": None}, "frame: cloud is NoneType, expected a Cloud"), ({"surface": "abc"}, "frame: surface is the text 'abc'"),
+    ({"response": np.zeros(3)}, "frame: response is float64 of shape .3,., expected a Response"),
+    ({"rig": None}, "frame: rig is NoneType, expected a Rig"), ({"name": 3}, "frame: name is int, expected text"),
+])  # fmt: skip
+def test_parts_of_another_kind_are_named(part, said):
+    lazy = dict.fromkeys(("cloud", "surface", "complex_", "signals", "response"), lambda: None)
+    with pytest.raises(InputError, match=said):
+        Frame(**{"index": 0, "stamp": 0.0, "name": "one", "rig": RIG} | lazy | part)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ._checks import told
+from ._checks import require, told
 from .errors import InputError
 from .types import Cloud, FloatArray, Image, Response, Rig, Signals, Surface
 
@@ -193,6 +193,12 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Check what costs no computation."""
+        require(self.rig, Rig, "frame: rig")
+        if not isinstance(self.name, str):
+            raise InputError(f"frame: name is {told(self.name)}, expected text")
+        for part, kind in (("cloud", Cloud), ("surface", Surface), ("signals", Signals), ("response", Response)):
+            if not isinstance(vars(self)[part], Once):
+                require(vars(self)[part], kind, f"frame: {part}")
         T, landmark = self.T_world_camera, self._known("landmark")
         if not (_is_array(T, "fiu", (4, 4)) and np.isfinite(T).all()):
             raise InputError(f"frame: T_world_camera is {told(T)}, expected (4, 4) finite numbers")

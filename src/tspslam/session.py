@@ -83,7 +83,8 @@ class Session:
     Of keyframes, points, surface, complex, signals and response are computed at once, in a thread; of other frames when
     they are asked for.
 
-    Threads that call `process`, `finish` or `close` of one session wait for each other.
+    Threads that call `process`, `finish` or `close` of one session wait for each other. A process that is forked from
+    another makes sessions of its own: threads do not come along.
 
     Parameters
     ----------
@@ -149,6 +150,8 @@ class Session:
         Returns
         -------
         Frame
+            With images of its own: those of the pair may be written over. Its arrays are shared with what is still being
+            computed and written: copy before you change them.
 
         Raises
         ------

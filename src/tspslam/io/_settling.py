@@ -53,7 +53,7 @@ def _format_of(folder: Path) -> int | None:
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder that holds something else than a run of this format, or a link in a place of ours."""
+    """Refuse a folder that holds something else than a run of this format, or a link where a file of ours goes."""
     try:
         check_places(folder)
         names = os.listdir(folder)
@@ -64,7 +64,9 @@ def refuse_foreign(folder: Path) -> None:
     # An interrupted start leaves no more than these.
     alien = [name for name in names if name != LOCK_NAME and not is_temporary(name)]
     if alien and not is_ours(folder):
-        raise bad_input(folder, f"holds {sorted(alien)[0]!r} and no {CONFIG} of a run", _EXPECTED)
+        without = f"holds {sorted(alien)[0]!r} and no {CONFIG} of a run"
+        other = f"holds a {CONFIG} whose first line is not that of a run"
+        raise bad_input(folder, other if CONFIG in names else without, _EXPECTED)
     refuse_other_format(folder)
 
 
