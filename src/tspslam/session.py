@@ -150,8 +150,8 @@ class Session:
         Returns
         -------
         Frame
-            With images of its own: those of the pair may be written over. Its arrays are shared with what is still being
-            computed and written: copy before you change them.
+            With images of its own: those of the pair may be written over. Its arrays are shared with what is still
+            being computed and written: copy before you change them.
 
         Raises
         ------
