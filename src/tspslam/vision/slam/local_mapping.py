@@ -272,7 +272,7 @@ class LocalMapper:
         """Have the last keyframes adjusted, or all where a loop was closed."""
         map_ = self.map
         is_whole = map_.has_new_loop and len(map_.keyframes) <= map_.settings.max_keyframes
-        problem = whole_problem(map_, self._sigmas) if is_whole else window_problem(map_, self._sigmas)
+        problem = collect_problem(map_, self._sigmas, is_whole=is_whole)
         self._asked = None if problem is None else (problem, self._worker.submit(problem.solve, *self._given))
 
     @property
@@ -325,7 +325,7 @@ class LocalMapper:
         T, map_ = self.join(T_world_camera), self.map
         if not 2 <= len(map_.keyframes) <= map_.settings.max_keyframes:
             return T
-        problem = whole_problem(map_, self._sigmas)
+        problem = collect_problem(map_, self._sigmas, is_whole=True)
         if problem is None:
             return T
         try:
@@ -359,8 +359,8 @@ class LocalMapper:
         self._worker.close()
 
 
-def window_problem(map_: Map, sigmas: tuple[float, float]) -> AdjustmentProblem | None:
-    """Collect the last keyframes and what they saw, held by the older ones that see it too.
+def collect_problem(map_: Map, sigmas: tuple[float, float], *, is_whole: bool) -> AdjustmentProblem | None:
+    """Collect what to adjust: the last keyframes and what they saw, held by the older ones that see it too, or all.
 
     Parameters
     ----------
@@ -368,39 +368,27 @@ def window_problem(map_: Map, sigmas: tuple[float, float]) -> AdjustmentProblem 
         Keyframes and landmarks.
     sigmas : (float, float)
         Standard deviations of a tracked point and of a disparity, px.
+    is_whole : bool
+        All keyframes, the first of which stays, and all landmarks.
 
     Returns
     -------
     AdjustmentProblem or None
         None where there is too little to adjust.
     """
+    frames, rows, held = (map_.keyframes, np.arange(len(map_.xyz)), 1) if is_whole else _window(map_)
+    return _problem(map_, frames, rows, held, sigmas) if len(frames) > 1 else None
+
+
+def _window(map_: Map) -> tuple[list[Keyframe], NDArray[np.int64], int]:
+    """The older keyframes that hold the last ones, then those; landmarks that these see; how many hold."""
     moving = map_.keyframes[-map_.window :]
-    if len(moving) < 2:
-        return None
     is_seen = np.zeros(len(map_.xyz), np.bool_)
     is_seen[np.concatenate([frame.landmark for frame in moving])] = True
     least = map_.settings.min_shared
     holding = [f for f in map_.keyframes[: -map_.window] if is_seen[f.landmark].sum() >= least] or moving[:1]
     frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
-    return _problem(map_, frames, np.flatnonzero(is_seen), len(holding), sigmas)
-
-
-def whole_problem(map_: Map, sigmas: tuple[float, float]) -> AdjustmentProblem | None:
-    """Collect all keyframes, the first of which stays, and all landmarks.
-
-    Parameters
-    ----------
-    map_ : Map
-        Keyframes and landmarks.
-    sigmas : (float, float)
-        Standard deviations of a tracked point and of a disparity, px.
-
-    Returns
-    -------
-    AdjustmentProblem or None
-        None where there is too little to adjust.
-    """
-    return _problem(map_, map_.keyframes, np.arange(len(map_.xyz)), 1, sigmas)
+    return frames, np.flatnonzero(is_seen), len(holding)
 
 
 def _problem(
