@@ -170,7 +170,7 @@ def eval_command(
     as_json: JsonOption = False,
 ) -> None:
     """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
-    from .run.evaluate import evaluated, summary, tabulate
+    from .run.evaluate import describe_errors, evaluated, tabulate
 
     if plot:
         from .run.guard import PICTURES, check_output
@@ -184,7 +184,7 @@ def eval_command(
         write_path_picture(errors, plot)
     for line in errors.warnings:
         _note(f"warning: {line}")
-    _say(*([json.dumps(summary(errors))] if as_json else tabulate(errors)))
+    _say(*([json.dumps(describe_errors(errors))] if as_json else tabulate(errors)))
     if plot and not as_json:
         _say(f"wrote {plot}")
 

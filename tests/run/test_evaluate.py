@@ -9,7 +9,7 @@ import pytest
 from tests.datasets import standard
 from tspslam import InputError, cli
 from tspslam.io import RunFolder, image_size, read_trajectory, write_kitti, write_tum
-from tspslam.run.evaluate import evaluated, summary
+from tspslam.run.evaluate import describe_errors, evaluated
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_the_command_prints_what_the_function_finds_and_draws(paths, capsys):
     command = ["eval", str(paths / "estimate.tum"), "--truth", str(paths / "truth.tum")]
     assert cli._exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found == summary(evaluated(paths / "estimate.tum", paths / "truth.tum"))
+    assert found == describe_errors(evaluated(paths / "estimate.tum", paths / "truth.tum"))
     assert {"ate_rmse_m", "rpe_translation_percent_10m", "rpe_rotation_deg_frame", "matched", "total"} <= set(found)
     assert found["rpe_translation_percent_10m"] == pytest.approx(1, abs=0.05)
     assert image_size(paths / "path.png")[0] > 1000
@@ -58,7 +58,7 @@ def test_a_person_is_told_units_words_and_the_file_of_the_plot(paths, capsys):
     assert cli._exit_code([*command, "--plot", str(paths / "path.png")]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     assert last == f"wrote {paths / 'path.png'}"
-    found = summary(evaluated(paths / "part.tum", paths / "truth.tum"))
+    found = describe_errors(evaluated(paths / "part.tum", paths / "truth.tum"))
     assert [line.split()[0] for line in lines] == [name for name in found if name != "warnings"]
     assert all(
         re.fullmatch(r"\w+ {2,}(-|[\d.e+-]+( m| degrees| %| pairs| frames| poses)?) {2,}\S.*\w", line) for line in lines

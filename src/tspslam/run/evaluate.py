@@ -96,7 +96,7 @@ def _by_number(estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
     return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
 
 
-def summary(errors: TrajectoryErrors) -> dict[str, Any]:
+def describe_errors(errors: TrajectoryErrors) -> dict[str, Any]:
     """Describe the errors in plain numbers, fit for JSON.
 
     Parameters
@@ -144,7 +144,7 @@ def tabulate(errors: TrajectoryErrors) -> list[str]:
     list of str
         One for each number of `summary`; "-" is not measured.
     """
-    found, lines = summary(errors), []
+    found, lines = describe_errors(errors), []
     for name, (unit, meaning) in _WORDS.items():
         value = found[name]
         shown = "-" if value is None else f"{value * (100 if name in _SHARES else 1):.6g} {unit}".rstrip()

@@ -139,7 +139,7 @@ class Pyramid(Brief):
     levels: tuple[Plane, ...]
 
 
-def pyramid(image: Image) -> Pyramid:
+def build_pyramid(image: Image) -> Pyramid:
     """Smooth an image and halve it while it is larger than a few patches.
 
     Parameters
@@ -153,7 +153,7 @@ def pyramid(image: Image) -> Pyramid:
 
     Examples
     --------
-    >>> [level.shape for level in pyramid(np.zeros((100, 200), np.uint8)).levels]
+    >>> [level.shape for level in build_pyramid(np.zeros((100, 200), np.uint8)).levels]
     [(100, 200), (50, 100)]
     """
     return _halved(smooth_plane(image))

@@ -8,7 +8,7 @@ import pytest
 
 from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam.vision.features.binary import binary_descriptors
-from tspslam.vision.images import pyramid
+from tspslam.vision.images import build_pyramid
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.loop_closing import LoopSettings, PlaceRecognition, distribute_loop_error
 from tspslam.vision.slam.map import MapSettings
@@ -165,7 +165,7 @@ def test_bending_moves_what_came_since_and_nothing_before(there):
 
 
 def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):
-    world, image = there.map, pyramid(walk[0][3].left)
+    world, image = there.map, build_pyramid(walk[0][3].left)
     features = DETECTOR(walk[0][3].left)
     T = walk[1][3].copy()
     T[0, 3] += 0.05
@@ -196,7 +196,7 @@ def test_what_is_followed_anyway_or_far_away_is_no_place_to_come_back_to(there):
 def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
     """Such as the same poster on another wall."""
     odometry = there
-    image, features = pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
+    image, features = build_pyramid(walk[0][3].left), DETECTOR(walk[0][3].left)
     descriptors, frame, T = binary_descriptors(features.descriptor), odometry.map.keyframes[-1], walk[1][3].copy()
     for shift, is_found in ((0.05, True), (1.5, False)):
         T[0, 3] = shift
@@ -271,7 +271,7 @@ def test_nobody_is_recognised_where_nobody_was(walk):
     noise = np.random.default_rng(0).integers(0, 255, walk[0][0].left.shape[:2]).astype(np.uint8)
     features = DETECTOR(noise)
     descriptors = binary_descriptors(features.descriptor)
-    assert places(odometry).relocalize(pyramid(noise), features.uv, descriptors) is None
+    assert places(odometry).relocalize(build_pyramid(noise), features.uv, descriptors) is None
 
 
 def test_images_of_old_keyframes_take_bounded_room(walk):

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from tspslam import Rig
-from tspslam.vision.images import pyramid
+from tspslam.vision.images import build_pyramid
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.patch_tracking import Patch, track_patches, warps
+from tspslam.vision.slam.patch_tracking import Patch, compute_warps, track_patches
 
 FINE, ALL = range(0, -1, -1), range(3, -1, -1)
 
@@ -38,7 +38,7 @@ def test_patches_are_found_to_a_few_hundredths_of_a_pixel(image, shift, size, ga
     other = np.rint(moved(image, A) * gain + 20).astype(np.uint8)
     back = np.repeat(np.linalg.inv(A[:, :2])[None], len(place), axis=0)
     guess = true + np.random.default_rng(2).normal(0, 4, true.shape)
-    uv, good = follow(pyramid(image), pyramid(other), place, back, guess, ALL)
+    uv, good = follow(build_pyramid(image), build_pyramid(other), place, back, guess, ALL)
     off = (uv - true)[good]
     assert good.mean() > 0.9
     assert np.abs(np.median(off, axis=0)).max() < 0.02
@@ -48,17 +48,19 @@ def test_patches_are_found_to_a_few_hundredths_of_a_pixel(image, shift, size, ga
 def test_what_is_not_there_is_not_found(image):
     place = np.random.default_rng(1).uniform((60, 60), (340, 240), (200, 2))
     same = np.repeat(np.eye(2)[None], len(place), axis=0)
-    other = pyramid(np.ascontiguousarray(image[::-1, ::-1]))
-    assert follow(pyramid(image), other, place, same, place, FINE)[1].mean() < 0.05
-    black = pyramid(np.zeros_like(image))
-    assert not follow(pyramid(image), black, place, same, place, ALL)[1].any()
-    assert not follow(black, pyramid(image), place, same, place, ALL)[1].any()
-    assert not follow(pyramid(image), pyramid(image), place, same, place + 1000, ALL)[1].any()
-    assert not follow(pyramid(image), pyramid(image), place - 1000, same, place, ALL)[1].any()
+    other = build_pyramid(np.ascontiguousarray(image[::-1, ::-1]))
+    assert follow(build_pyramid(image), other, place, same, place, FINE)[1].mean() < 0.05
+    black = build_pyramid(np.zeros_like(image))
+    assert not follow(build_pyramid(image), black, place, same, place, ALL)[1].any()
+    assert not follow(black, build_pyramid(image), place, same, place, ALL)[1].any()
+    assert not follow(build_pyramid(image), build_pyramid(image), place, same, place + 1000, ALL)[1].any()
+    assert not follow(build_pyramid(image), build_pyramid(image), place - 1000, same, place, ALL)[1].any()
 
 
 def test_nothing_to_follow_is_fine(image):
-    uv, good = follow(pyramid(image), pyramid(image), np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2)), ALL)
+    uv, good = follow(
+        build_pyramid(image), build_pyramid(image), np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2)), ALL
+    )
     assert uv.shape == (0, 2)
     assert good.shape == (0,)
 
@@ -76,5 +78,7 @@ def test_warps_are_the_derivatives_of_projection():
 
     uv, h = project(rig, xyz), 1e-4
     forth = np.stack([(seen(uv + step) - seen(uv - step)) / (2 * h) for step in ((h, 0), (0, h))], axis=-1)
-    np.testing.assert_allclose(warps(rig, T, xyz), np.linalg.inv(forth), atol=1e-6)
-    np.testing.assert_allclose(warps(rig, inverse(T) @ T, xyz), np.repeat(np.eye(2)[None], 20, axis=0), atol=1e-9)
+    np.testing.assert_allclose(compute_warps(rig, T, xyz), np.linalg.inv(forth), atol=1e-6)
+    np.testing.assert_allclose(
+        compute_warps(rig, inverse(T) @ T, xyz), np.repeat(np.eye(2)[None], 20, axis=0), atol=1e-9
+    )

@@ -11,8 +11,8 @@ from tspslam.types import Features, Rig, StereoPair
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.images import grey_levels, smooth_plane
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher, median_and_spread, survey_disparities
-from tspslam.vision.stereo.matches import supported
-from tspslam.vision.stereo.patches import Patches, refine, search, shift_rows, vertical_offsets
+from tspslam.vision.stereo.matches import find_supported
+from tspslam.vision.stereo.patches import Patches, measure_vertical_offsets, refine, search, shift_rows
 from tspslam.vision.stereo.row_matcher import RowMatcher
 
 from ..conftest import noise
@@ -184,8 +184,8 @@ def test_refinement_rejects_flat_windows_and_runaways() -> None:
     image = smooth_plane(noise(60, 80))
     assert refine(image, image, uv, np.full(1, 0.3), Patches()).good.all()
     assert not refine(image, image, uv, np.full(1, 39.0), Patches()).good.any()
-    assert len(vertical_offsets(flat, flat, uv, np.zeros(1), Patches())) == 0
-    assert len(vertical_offsets(image, image, np.array([[1.0, 1.0]]), np.zeros(1), Patches())) == 0
+    assert len(measure_vertical_offsets(flat, flat, uv, np.zeros(1), Patches())) == 0
+    assert len(measure_vertical_offsets(image, image, np.array([[1.0, 1.0]]), np.zeros(1), Patches())) == 0
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3, -0.5, 2.25, -3.75])
@@ -200,9 +200,9 @@ def test_support_keeps_slanted_planes_and_drops_strays() -> None:
     uv = rng.uniform(0, 100, (200, 2))
     disparity = 20 + 0.05 * uv[:, 0]
     stray = np.arange(200) % 40 == 0
-    kept = supported(uv, np.where(stray, disparity + 15, disparity), tolerance=1.0)
+    kept = find_supported(uv, np.where(stray, disparity + 15, disparity), tolerance=1.0)
     np.testing.assert_array_equal(kept, ~stray)
-    assert supported(uv[:5], disparity[:5] * [1, 2, 3, 4, 5], tolerance=1.0).all()
+    assert find_supported(uv[:5], disparity[:5] * [1, 2, 3, 4, 5], tolerance=1.0).all()
 
 
 def test_median_and_spread_of_a_normal_sample_are_its_parameters() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..._npz import Arrays, check_shapes
 from ...errors import InputError
 from ...types import FloatArray, Image, Rig
-from ..images import grey_levels, pyramid
+from ..images import build_pyramid, grey_levels
 from ..rig import project
 from ..se3 import inverse, is_rigid
 from .map import Keyframe, Map
@@ -111,7 +111,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
         left = image_of(index) if shown[k] else None
         grey = None if left is None else np.array(grey_levels(left))
-        image = pyramid(left) if left is not None and k >= len(ends) - last else None
+        image = build_pyramid(left) if left is not None and k >= len(ends) - last else None
         landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
         T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
         map_.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))

@@ -9,7 +9,7 @@ import numpy as np
 from ..._settings import check_settings, setting
 from ...types import BoolArray, FloatArray
 from ..features.binary import Descriptors, match_descriptors, nearest_descriptors
-from ..images import Pyramid, pyramid
+from ..images import Pyramid, build_pyramid
 from ..rig import project
 from ..se3 import normalised, repeated
 from .map import Keyframe, Map
@@ -354,4 +354,4 @@ def _distance(one: PoseEstimate, other: PoseEstimate) -> float:
 def _reference_to(frame: Keyframe, wanted: BoolArray) -> Reference:
     """Some landmarks of an older keyframe, to be tracked."""
     assert frame.grey is not None
-    return Reference(pyramid(frame.grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])
+    return Reference(build_pyramid(frame.grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])

@@ -67,10 +67,10 @@ def track_patches(
     --------
     >>> noise = np.random.default_rng(0).integers(0, 255, (64, 64)).astype(np.float32)
     >>> import cv2
-    >>> from tspslam.vision.images import pyramid
+    >>> from tspslam.vision.images import build_pyramid
     >>> image = cv2.GaussianBlur(noise, (0, 0), 2).astype(np.uint8)
     >>> one, same = np.array([[30.0, 30.0]]), np.eye(2)[None]
-    >>> images = pyramid(image), pyramid(np.roll(image, 3, 1))
+    >>> images = build_pyramid(image), build_pyramid(np.roll(image, 3, 1))
     >>> uv, good = track_patches(*images, one, same, one, range(0, -1, -1), Patch())
     >>> uv.round(1).tolist(), good.tolist()
     ([[33.0, 30.0]], [True])
@@ -97,7 +97,7 @@ def _track_level(
     in_halves(part, len(place), _WORTH)
 
 
-def warps(rig: Rig, T: FloatArray, xyz: FloatArray) -> FloatArray:
+def compute_warps(rig: Rig, T: FloatArray, xyz: FloatArray) -> FloatArray:
     """From offsets around points in the current image to offsets in the reference, for patches that face the latter.
 
     Parameters

@@ -15,7 +15,7 @@ from ..rig import project
 from ..se3 import inverse
 from ..stereo.dense import checked_map, sample_map
 from ..stereo.row_matcher import SearchNear, level_rows
-from .patch_tracking import Patch, track_patches, warps
+from .patch_tracking import Patch, compute_warps, track_patches
 from .pose import PoseEstimate, fit_robustly
 
 _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong ones near the guess up to 0.1"
@@ -345,7 +345,9 @@ def _track_reference(
     """Places of some of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
     landmark = reference.landmark[rows]
     places = project(rig, _in_camera(xyz, landmark, T))
-    shapes = warps(rig, inverse(T) @ reference.T_world_camera, _in_camera(xyz, landmark, reference.T_world_camera))
+    shapes = compute_warps(
+        rig, inverse(T) @ reference.T_world_camera, _in_camera(xyz, landmark, reference.T_world_camera)
+    )
     uv, good = track_patches(reference.image, image, reference.uv[rows], shapes, places, levels, patch)
     return uv[good], landmark[good]
 

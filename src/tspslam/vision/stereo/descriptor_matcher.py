@@ -12,7 +12,7 @@ from ..._settings import check_settings, setting
 from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Features, FloatArray, StereoPair
-from .matches import Matches, supported
+from .matches import Matches, find_supported
 
 _WIDEST = 0.35  # of the image's width: disparities beyond it leave too little in common
 _FEW = 20  # supported matches that a range of disparities needs
@@ -203,7 +203,7 @@ def survey_disparities(
     reach = max(high, _WIDEST * pair.left.shape[1])
     i, j = matcher.pairs(left, right, pair.left.shape[0], -reach, reach)
     every = left.uv[i, 0] - right.uv[j, 0]
-    disparity = every[supported(left.uv[i], every, tolerance=2.0)]
+    disparity = every[find_supported(left.uv[i], every, tolerance=2.0)]
     refuse_swapped(pair, disparity)
     disparity = disparity[(disparity >= low) & (disparity <= high)]
     if len(disparity) >= _FEW:

@@ -47,7 +47,7 @@ class Matches(Brief):
         return len(self.left_index)
 
 
-def supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> BoolArray:
+def find_supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> BoolArray:
     """Whether at least two of a point's eight nearest neighbours have nearly its disparity.
 
     "Nearly" is ``tolerance + 0.1 · distance``, so that slanted surfaces pass. With too few points to judge (fewer
@@ -69,7 +69,7 @@ def supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> Boo
     Examples
     --------
     >>> u = np.arange(20.0)
-    >>> supported(np.column_stack([u, u]), np.where(u == 7, 40.0, 5.0), tolerance=1.0).sum()
+    >>> find_supported(np.column_stack([u, u]), np.where(u == 7, 40.0, 5.0), tolerance=1.0).sum()
     np.int64(19)
     """
     if len(uv) <= _NEIGHBOURS:

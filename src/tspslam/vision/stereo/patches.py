@@ -189,7 +189,7 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, patch
     return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
 
 
-def vertical_offsets(
+def measure_vertical_offsets(
     first: Plane, second: Plane, uv: FloatArray, disparity: FloatArray, patches: Patches
 ) -> FloatArray:
     """``v_second - v_first`` of matches, by alignment in both directions.

@@ -15,8 +15,8 @@ from ..images import Plane, prepare
 from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
 from .descriptor_matcher import check_order, median_and_spread, survey_disparities
 from .matches import Matches as Matches
-from .matches import supported
-from .patches import Patches, refine, search, shift_rows, vertical_offsets
+from .matches import find_supported
+from .patches import Patches, measure_vertical_offsets, refine, search, shift_rows
 
 Planes = tuple[Plane, Plane]
 SearchNear = Callable[[Planes, FloatArray, FloatArray], FloatArray]
@@ -186,8 +186,10 @@ class RowMatcher:
         start = self._search(planes, left, partner, guess, (low, high))
         disparity, score = self._refine(planes, left.uv, start)
         kept = np.flatnonzero(np.isfinite(disparity) & (disparity >= low) & (disparity <= high))
-        kept = kept[supported(left.uv[kept], disparity[kept], tolerance=1.0)]
-        rest, spread = median_and_spread(vertical_offsets(*planes, left.uv[kept], disparity[kept], self.patches))
+        kept = kept[find_supported(left.uv[kept], disparity[kept], tolerance=1.0)]
+        rest, spread = median_and_spread(
+            measure_vertical_offsets(*planes, left.uv[kept], disparity[kept], self.patches)
+        )
         return Matches(kept, partner[kept], disparity[kept], score[kept], offset + rest, spread)
 
     def _descriptors(self) -> DescriptorMatcher:
@@ -196,7 +198,7 @@ class RowMatcher:
 
     def _level(self, planes: Planes, uv: FloatArray, disparity: FloatArray) -> tuple[Planes, float]:
         """Planes whose rows agree, and by how much the right one was moved, px."""
-        offset, _ = median_and_spread(vertical_offsets(*planes, uv, disparity, self.patches))
+        offset, _ = median_and_spread(measure_vertical_offsets(*planes, uv, disparity, self.patches))
         return level_rows(planes, offset), offset if abs(offset) >= _LEVEL else 0.0
 
     def _search(

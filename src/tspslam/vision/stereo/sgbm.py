@@ -13,7 +13,7 @@ from ..images import prepare
 from .dense import sample_map
 from .descriptor_matcher import DescriptorMatcher, check_order, median_and_spread, survey_disparities, widest_range
 from .matches import Matches
-from .patches import Patches, vertical_offsets
+from .patches import Patches, measure_vertical_offsets
 
 _FARTHEST = 2000.0  # px
 _STEP = 16  # OpenCV's disparities come in sixteenths of a pixel, and their number in sixteens
@@ -72,7 +72,7 @@ class SgbmMatcher:
         rows = np.flatnonzero(np.isfinite(found))
         images = prepare(pair)
         planes = images.left_image.smooth, images.right_image.smooth
-        median, spread = median_and_spread(vertical_offsets(*planes, left.uv[rows], found[rows], Patches()))
+        median, spread = median_and_spread(measure_vertical_offsets(*planes, left.uv[rows], found[rows], Patches()))
         return Matches(rows, np.full(len(rows), -1), found[rows], np.ones(len(rows)), median, spread)
 
     def disparity_map(self, pair: StereoPair, low: float, high: float) -> FloatArray:
