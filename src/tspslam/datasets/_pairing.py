@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
@@ -64,6 +64,38 @@ class Frames:
         """Read pair `index`; IndexError past the end."""
         index = checked_index(index, len(self.files))
         return replace(self._reader.read(index), stamp=float(self.stamps[index]))
+
+
+class Recording:
+    """A folder of pairs, each read when it is asked for."""
+
+    path: Path
+    rig: Rig
+    stamps: FloatArray
+    unpaired: list[str]
+
+    def _open(self, paired: Paired, cameras: Rig | RawRig, bits: int | None) -> None:
+        self._frames = Frames(paired, cameras, bits)
+        self.rig, self.stamps, self.unpaired = self._frames.rig, paired.stamps, paired.unpaired
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return name_of(self.path)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
+    def __len__(self) -> int:
+        return len(self._frames.files)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
+        return self._frames.read(index)
+
+    def __iter__(self) -> Iterator[StereoPair]:
+        """Read one pair after another."""
+        return (self[index] for index in range(len(self)))
 
 
 def path_of(path: PathLike) -> Path:

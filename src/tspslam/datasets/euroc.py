@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from .._files import PathLike, bad_input, one_line
-from ..types import FloatArray, Rig, StereoPair
+from ..types import FloatArray
 from ..vision.calibration.formats import read_calibration
 from ..vision.calibration.formats._opencv_yaml import read_mapping
 from ..vision.calibration.formats._source import Source
 from ..vision.calibration.formats._values import inverse, pose
 from ._pairing import (
-    Frames,
+    Paired,
+    Recording,
     check_stamps,
     images_in,
     motion,
@@ -42,7 +42,7 @@ _RECORDING = "a recording in the ASL layout"
 _UNIT = 1e-2  # of a quaternion's norm
 
 
-class EurocSequence:
+class EurocSequence(Recording):
     """A recording in the ASL layout: two cameras below `mav0/`, with stamps; raw pairs are rectified.
 
     Left and right images are paired by stamp: the same one, else the nearest to each other within a quarter of the
@@ -79,10 +79,6 @@ class EurocSequence:
     tspslam.errors.InputError: no-such-folder: lacks the folder mav0/cam0; expected a recording in the ASL layout
     """
 
-    rig: Rig
-    stamps: FloatArray
-    unpaired: list[str]
-
     def __init__(self, path: PathLike, *, bits: int | None = None) -> None:
         self.path = path_of(path)
         self._root = self.path / "mav0" if os.path.isdir(self.path / "mav0") else self.path
@@ -90,10 +86,9 @@ class EurocSequence:
             raise bad_input(self.path, "lacks the folder mav0/cam0", _RECORDING)
         (left, lost), (right, its_lost) = (_listed(self._root / camera) for camera in _CAMERAS)
         paired = some(pair_by_stamp(left, right, _CAMERAS), self._root, "cam0 and cam1 with images of the same stamps")
-        self.unpaired = paired.unpaired + lost + its_lost
+        paired = Paired(paired.files, paired.stamps, paired.unpaired + lost + its_lost)
         calibration = read_calibration(self._root / "cam0" / "sensor.yaml", size_of_first(paired.files))
-        self._frames = Frames(paired, calibration.cameras, bits)
-        self.rig, self.stamps = self._frames.rig, self._frames.stamps
+        self._open(paired, calibration.cameras, bits)
 
     @property
     def name(self) -> str:
@@ -120,20 +115,6 @@ class EurocSequence:
         T_sensor_camera = T_body_camera if optional else inverse(_place(folder)) @ T_body_camera
         known, wanted = poses_at(self.stamps, stamps, T_world_sensor), "poses at most 0.1 s before and after one"
         return some_known(known, folder / "data.csv", wanted) @ T_sensor_camera
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
-
-    def __len__(self) -> int:
-        return len(self._frames.files)
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
-        return self._frames.read(index)
-
-    def __iter__(self) -> Iterator[StereoPair]:
-        """Read one pair after another."""
-        return (self[index] for index in range(len(self)))
 
 
 def _listed(camera: Path) -> tuple[dict[int, Path | None], list[str]]:

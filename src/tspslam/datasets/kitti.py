@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -14,17 +13,16 @@ import numpy as np
 from .._files import PathLike, bad_input
 from .._text import read_text
 from ..errors import InputError
-from ..types import FloatArray, RawRig, Rig, StereoPair
+from ..types import FloatArray, RawRig, Rig
 from ..vision.calibration.formats._source import Source
 from ..vision.calibration.formats.kitti import parse_kitti, read_kitti
 from ._pairing import (
     LAST_STAMP,
     NANOSECONDS,
-    Frames,
     Paired,
+    Recording,
     check_stamps,
     motion,
-    name_of,
     numbered,
     numbers,
     pair_by_number,
@@ -49,7 +47,7 @@ _GREY = re.compile(r"\b(P|[A-Z]_(?:rect_)?0)([01])\b")  # a key of cameras 0 and
 _OF_A_CAMERA = ("S", "K", "D", "R", "T", "S_rect", "R_rect", "P_rect")
 
 
-class KittiSequence:
+class KittiSequence(Recording):
     """A sequence of KITTI's odometry benchmark, or a drive of its raw data, synchronised and rectified or as recorded.
 
     An odometry sequence has `image_0/` and `image_1/`, `calib.txt` and `times.txt` (s); line k, from 0, is for the
@@ -95,10 +93,6 @@ class KittiSequence:
     tspslam.errors.InputError: no-such-folder: lacks the folder image_0 or image_00; expected a sequence of KITTI
     """
 
-    rig: Rig
-    stamps: FloatArray
-    unpaired: list[str]
-
     def __init__(
         self, path: PathLike, *, colour: bool = False, poses: PathLike | None = None, bits: int | None = None
     ) -> None:
@@ -110,16 +104,10 @@ class KittiSequence:
         paired = self._paired()
         self._source = _calibration(self.path, self._is_raw)
         named = _as_grey(self._source, self._is_raw) if colour else self._source
-        self._frames = Frames(paired, _cameras_of(named, size_of_first(paired.files), self._source), bits)
-        self.rig, self.stamps, self.unpaired = self._frames.rig, self._frames.stamps, paired.unpaired
+        self._open(paired, _cameras_of(named, size_of_first(paired.files), self._source), bits)
         self._poses = _poses_of(self.path) if poses is None else path_of(poses)
         if poses is not None:
             _ = self.truth
-
-    @property
-    def name(self) -> str:
-        """The folder's own name."""
-        return name_of(self.path)
 
     @cached_property
     def truth(self) -> FloatArray | None:
@@ -140,20 +128,6 @@ class KittiSequence:
             raise bad_input(self._poses, f"has {len(T)} poses, none of an image", wanted)
         T_world_zero = np.stack([np.full((4, 4), np.nan) if line is None else T[line] for line in at])
         return T_world_zero @ self._T_zero_camera()
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
-
-    def __len__(self) -> int:
-        return len(self._frames.files)
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
-        return self._frames.read(index)
-
-    def __iter__(self) -> Iterator[StereoPair]:
-        """Read one pair after another."""
-        return (self[index] for index in range(len(self)))
 
     def _paired(self) -> Paired:
         labels = (f"image_{self._cameras[0]}", f"image_{self._cameras[1]}")

@@ -23,11 +23,7 @@ _OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layo
 
 
 def open_sequence(
-    path: PathLike,
-    *,
-    calib: PathLike | None = None,
-    topics: tuple[str, str] | None = None,
-    bits: int | None = None,
+    path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None
 ) -> Sequence:
     """Open a folder or a bag of stereo pairs with the reader of its layout.
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections import deque
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from .._files import PathLike, bad_input
-from ..types import FloatArray, RawRig, Rig, StereoPair
+from ..types import FloatArray, RawRig, Rig
 from ..vision.calibration.formats import read_calibration
 from ._pairing import (
-    Frames,
+    Recording,
     Row,
     check_stamps,
     motion,
@@ -54,7 +53,7 @@ _Pose = tuple[int, int]  # run and pose
 _Edge = tuple[_Pose, _Pose, FloatArray]  # pose, neighbour, T_neighbour_pose
 
 
-class UtiasRun:
+class UtiasRun(Recording):
     """A run `run_NNNNNN/` of the UTIAS VT&R data set: `images/left`, `images/right`, `timestamps_images.txt`.
 
     Images are named by the number of their pose and paired by it. Where the lines of stamps do not name their pose,
@@ -94,24 +93,12 @@ class UtiasRun:
     tspslam.errors.InputError: no-such-run/images/left: is missing; expected a folder of images
     """
 
-    rig: Rig
-    stamps: FloatArray
-    unpaired: list[str]
-
     def __init__(self, path: PathLike, calib: PathLike | None = None, *, bits: int | None = None) -> None:
         self.path = path_of(path)
         left, right = (numbered(self.path / "images" / side) for side in ("left", "right"))
         paired = pair_by_number(left, right, _stamps(self.path / _STAMPS), ("left", "right"))
         some(paired, self.path, f"images/left and images/right of one number with a stamp in {_STAMPS}")
-        cameras = _cameras(self.path, calib, size_of_first(paired.files))
-        self.unpaired = paired.unpaired
-        self._frames = Frames(paired, cameras, bits)
-        self.rig, self.stamps = self._frames.rig, self._frames.stamps
-
-    @property
-    def name(self) -> str:
-        """The folder's own name."""
-        return name_of(self.path)
+        self._open(paired, _cameras(self.path, calib, size_of_first(paired.files)), bits)
 
     @cached_property
     def truth(self) -> FloatArray | None:
@@ -138,20 +125,6 @@ class UtiasRun:
             if (run, int(left.stem)) in placed:
                 truth[k] = _mount() @ placed[run, int(left.stem)] @ T_vehicle_camera
         return some_known(truth, self.path, f"transforms of run {run} to the poses that images are named by")
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
-
-    def __len__(self) -> int:
-        return len(self._frames.files)
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
-        return self._frames.read(index)
-
-    def __iter__(self) -> Iterator[StereoPair]:
-        """Read one pair after another."""
-        return (self[index] for index in range(len(self)))
 
 
 def _stamps(path: Path) -> dict[int, float]:
