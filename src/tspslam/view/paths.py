@@ -18,6 +18,7 @@ from ..types import BoolArray, FloatArray
 
 _TRUE, _ESTIMATED = "#1b2430", "#d55e00"
 _MIRRORED = {(2, 0), (0, 1), (2, 1)}  # axes (along, upwards) that show the world from below, or y, which is down, up
+_INK, _SIZES = 8000.0, (0.4, 6.0)  # pt² of all points together; of one: few are seen, many are no blot
 _SHARE = 0.9  # of a map's points that its picture shows: those far off are the least certain
 # What a picture says of its making: nothing that varies with the day or the machine.
 _METADATA: dict[str, dict[str, Any]] = {
@@ -113,7 +114,8 @@ def _plan_picture(positions: FloatArray, xyz: FloatArray) -> Figure:
     a = int(np.argmax(np.ptp(positions, axis=0)))
     spread = near.std(axis=0) if len(near) else np.ptp(positions, axis=0)
     b = max((axis for axis in range(3) if axis != a), key=lambda axis: float(spread[axis]))
-    ax.scatter(near[:, a], near[:, b], s=0.4, c="#8a94a0", linewidths=0, rasterized=True, label="points of keyframes")
+    size = float(np.clip(_INK / max(len(near), 1), *_SIZES))
+    ax.scatter(near[:, a], near[:, b], s=size, c="#8a94a0", linewidths=0, rasterized=True, label="points of keyframes")
     ax.plot(positions[:, a], positions[:, b], color=_ESTIMATED, lw=1.6, label="camera")
     ax.plot(*positions[0, [a, b]], "o", color=_TRUE, ms=5, label="start")
     ax.plot(*positions[-1, [a, b]], "s", color=_ESTIMATED, ms=5, label="end")
@@ -121,7 +123,8 @@ def _plan_picture(positions: FloatArray, xyz: FloatArray) -> Figure:
     ax.set_aspect("equal", adjustable="datalim")
     if (a, b) in _MIRRORED:
         ax.invert_yaxis()
-    ax.legend(markerscale=1.5)
+    dot: Any = ax.legend(markerscale=1.5).legend_handles[0]
+    dot.set_sizes(_SIZES[1:])
     return figure
 
 
