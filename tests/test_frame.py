@@ -158,3 +158,13 @@ def test_parts_of_another_kind_are_named(part, said):
     lazy = dict.fromkeys(("cloud", "surface", "complex_", "signals", "response"), lambda: None)
     with pytest.raises(InputError, match=said):
         Frame(**{"index": 0, "stamp": 0.0, "name": "one", "rig": RIG} | lazy | part)
+
+
+@pytest.mark.parametrize("part", ["cloud", "surface", "signals", "response"])
+def test_a_part_that_is_computed_as_something_else_is_named(part, tmp_path):
+    frame = Frame(0, 0.0, "one", RIG, **PARTS | {part: lambda: None})
+    with pytest.raises(InputError, match=f"frame: {part} is NoneType, expected a {part.capitalize()}"):
+        getattr(frame, part)
+    with pytest.raises(InputError, match=f"frame: {part} is NoneType"):
+        write_frame(tmp_path / "frame.npz", frame)
+    assert not (tmp_path / "frame.npz").exists()

@@ -84,10 +84,12 @@ class Part(Generic[T]):
     ----------
     default : value, optional
         What the field is where nothing is given.
+    kind : type, optional
+        What the value must be.
     """
 
-    def __init__(self, default: T = _ABSENT) -> None:
-        self._default = default
+    def __init__(self, default: T = _ABSENT, *, kind: type | None = None) -> None:
+        self._default, self._kind = default, kind
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -99,10 +101,17 @@ class Part(Generic[T]):
             return self._default
         held = vars(frame)[self._name]
         value: T = held() if isinstance(held, Once) else held
+        self._check(value)
         return value
 
     def __set__(self, frame: object, value: T | Callable[[], T]) -> None:
+        if not callable(value):
+            self._check(value)
         vars(frame)[self._name] = Once(value) if callable(value) and not isinstance(value, Once) else value
+
+    def _check(self, value: object) -> None:
+        if self._kind is not None:
+            require(value, self._kind, f"frame: {self._name}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,11 +186,11 @@ class Frame:
     stamp: float
     name: str
     rig: Rig
-    cloud: Part[Cloud] = Part()
-    surface: Part[Surface] = Part()
+    cloud: Part[Cloud] = Part(kind=Cloud)
+    surface: Part[Surface] = Part(kind=Surface)
     complex_: Part[Complex] = Part()
-    signals: Part[Signals] = Part()
-    response: Part[Response] = Part()
+    signals: Part[Signals] = Part(kind=Signals)
+    response: Part[Response] = Part(kind=Response)
     image: Image | None = None
     T_world_camera: FloatArray = field(default_factory=lambda: np.eye(4))
     landmark: Part[NDArray[np.int64] | None] = Part(None)
@@ -196,9 +205,6 @@ class Frame:
         require(self.rig, Rig, "frame: rig")
         if not isinstance(self.name, str):
             raise InputError(f"frame: name is {told(self.name)}, expected text")
-        for part, kind in (("cloud", Cloud), ("surface", Surface), ("signals", Signals), ("response", Response)):
-            if not isinstance(vars(self)[part], Once):
-                require(vars(self)[part], kind, f"frame: {part}")
         T, landmark = self.T_world_camera, self._known("landmark")
         if not (_is_array(T, "fiu", (4, 4)) and np.isfinite(T).all()):
             raise InputError(f"frame: T_world_camera is {told(T)}, expected (4, 4) finite numbers")
