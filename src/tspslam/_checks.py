@@ -33,6 +33,7 @@ _WAYS = {
 }
 """Where one gets each of our data classes from."""
 
+_ORTHONORMAL = 1e-6  # off R Rᵀ = I, of a rotation; products of thousands stay within 1e-12
 _PIXELS = (np.uint8, np.uint16, np.float32, np.float64)
 
 
@@ -125,3 +126,27 @@ def check_luminance(what: str, image: NDArray[Any]) -> None:
         way = way or (": np.clip(image, 0, 1), where it is noise or overshoot" if low >= -1 and high <= 1.5 else "")
         expected = "0 to 1 (float images), no NaN or infinite ones"
         raise InputError(f"{what} has values from {low:g} to {high:g}, expected {expected}{way}")
+
+
+def is_rigid(T: NDArray[np.float64]) -> bool:
+    """Whether matrices are rigid motions: rotations to 1e-6, and a last row of 0 0 0 1.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) float64
+        Matrices, none of them included.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
+    (True, False)
+    """
+    if not np.isfinite(T).all():
+        return False
+    R = T[..., :3, :3]
+    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
+    return bool(off < _ORTHONORMAL and (np.linalg.det(R) > 0).all() and (T[..., 3, :] == (0, 0, 0, 1)).all())

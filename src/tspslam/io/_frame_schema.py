@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import is_rigid
 from .._npz import Arrays, check_shapes
 from ..errors import InputError
 
@@ -54,7 +55,6 @@ OPTIONAL = frozenset({"cloud_covariance", "landmark"})
 SINCE_LAST = frozenset({"T_world_camera", "is_keyframe", "is_lost"})  # arrays that version 1 has not
 # A point without a projection has NaN pixels.
 MAY_BE_NAN = frozenset({"cloud_uv", "cloud_disparity"})
-_ORTHONORMAL = 1e-6  # off from a rotation
 _LARGEST_VALUE = 1e100  # whose square is still finite; covariances of points at infinity come to 1e40
 
 
@@ -85,9 +85,7 @@ def check(arrays: Arrays) -> None:
         raise InputError(f"has the index {arrays['index']}")
     if "landmark" in arrays:
         _check_landmarks(arrays["landmark"])
-    T = arrays["T_world_camera"]
-    off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
-    if not (off < _ORTHONORMAL and np.linalg.det(T[:3, :3]) > 0 and (T[3] == (0, 0, 0, 1)).all()):
+    if not is_rigid(arrays["T_world_camera"]):
         raise InputError("array T_world_camera holds no rigid motion")
     _check_indices(arrays, known["n"][0], known["e"][0])
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from ..types import FloatArray
 
-_ORTHONORMAL = 1e-6  # off R Rᵀ = I, of a rotation; products of thousands stay within 1e-12
-
 
 def inverse(T: FloatArray) -> FloatArray:
     """Inverse of rigid motions.
@@ -34,30 +32,6 @@ def inverse(T: FloatArray) -> FloatArray:
     back[..., :3, 3] = -(turned @ T[..., :3, 3:])[..., 0]
     back[..., 3, 3] = 1
     return back
-
-
-def is_rigid(T: FloatArray) -> bool:
-    """Whether matrices are rigid motions: rotations to 1e-6, and a last row of 0 0 0 1.
-
-    Parameters
-    ----------
-    T : (..., 4, 4) float64
-        Matrices, none of them included.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
-    (True, False)
-    """
-    if not np.isfinite(T).all():
-        return False
-    R = T[..., :3, :3]
-    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
-    return bool(off < _ORTHONORMAL and (np.linalg.det(R) > 0).all() and (T[..., 3, :] == (0, 0, 0, 1)).all())
 
 
 def normalised(T: FloatArray) -> FloatArray:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._checks import is_rigid
 from ..._npz import Arrays, check_shapes
 from ...errors import InputError
 from ...types import FloatArray, Image, Rig
 from ..images import build_pyramid, grey_levels
 from ..rig import project
-from ..se3 import inverse, is_rigid
+from ..se3 import inverse
 from .map import Keyframe, Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that

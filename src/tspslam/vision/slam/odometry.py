@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -363,7 +363,7 @@ class StereoOdometry:
         seen = self.map.keyframes[-1] if stereo is not None else estimate
         is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
         covariance = np.zeros((6, 6)) if is_first else np.full((6, 6), np.inf)
-        tracked = Tracked(
+        return Tracked(
             T_world_camera=self.path.pose.copy(),
             covariance=covariance if estimate is None else estimate.covariance,
             matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
@@ -371,11 +371,10 @@ class StereoOdometry:
             is_lost=is_lost,
             stereo=stereo,
             seconds=watch.seconds,
+            landmark=np.empty(0, np.int64) if seen is None else self.map.landmark_id[seen.landmark],
+            uv=np.empty((0, 2)) if seen is None else seen.uv.copy(),
+            disparity=np.empty(0) if seen is None else seen.disparity.copy(),
         )
-        if seen is None:
-            return tracked
-        numbers = self.map.landmark_id[seen.landmark]
-        return replace(tracked, landmark=numbers, uv=seen.uv.copy(), disparity=seen.disparity.copy())
 
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""

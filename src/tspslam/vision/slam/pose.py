@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
-from ..._checks import told
+from ..._checks import is_rigid, told
 from ...errors import InputError
 from ...types import Cloud, FloatArray, Rig
-from ..se3 import inverse, is_rigid
+from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
 from .bundle import lens_of, minimise
 
