@@ -10,7 +10,7 @@ from dataclasses import field, fields
 from functools import cache
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from .errors import InputError
 
@@ -99,6 +99,30 @@ def check_settings(what: str, settings: Any) -> None:
             shown = repr(value) if abs(value) < _LARGE else f"{repr(value)[:20]}..."
             raise InputError(f"{what}: {each.name} is {shown}, expected {describe_range(low, high)}")
         object.__setattr__(settings, each.name, _as(value, hint))  # equal settings are told alike
+
+
+class Checked:
+    """Base of frozen data classes of settings: a value of another type or out of its range is an `InputError`.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Gate(Checked, what="gate"):
+    ...     width: float = setting(3.5, 1, 10, unit="m")
+    >>> Gate(0.5)
+    Traceback (most recent call last):
+    tspslam.errors.InputError: gate: width is 0.5, expected 1 to 10
+    """
+
+    _what: ClassVar[str]
+
+    def __init_subclass__(cls, *, what: str = "") -> None:
+        cls._what = what or cls._what
+
+    def __post_init__(self) -> None:
+        """Check the types and the ranges."""
+        check_settings(self._what, self)
 
 
 @cache

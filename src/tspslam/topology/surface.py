@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._checks import require, told
-from .._settings import check_settings, setting
+from .._settings import Checked, setting
 from ..errors import GeometryError, InputError
 from ..types import BoolArray, Cloud, FloatArray, Surface
 
@@ -16,7 +16,7 @@ _ROUNDING = 1e-6  # of inverse depth
 
 
 @dataclass(frozen=True)
-class DelaunaySurface:
+class DelaunaySurface(Checked, what="surface"):
     """Image Delaunay with depth cuts, as a stage.
 
     Attributes
@@ -55,10 +55,6 @@ class DelaunaySurface:
     min_angle: float = setting(
         3.0, 0.0, 60.0, unit="degrees", source="by hand; Motorcycle: 0, 3, 6 leave 2250, 2236, 2205 faces"
     )
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("surface", self)
 
     def __call__(self, cloud: Cloud) -> Surface:
         """Triangulate `cloud`; see `delaunay_surface`."""

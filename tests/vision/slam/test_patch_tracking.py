@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tspslam import Rig
+from tspslam import Rig, TrackingSettings
 from tspslam.vision.images import build_pyramid
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.patch_tracking import Patch, compute_warps, track_patches
+from tspslam.vision.slam.patch_tracking import compute_warps, track_patches
 
 FINE, ALL = range(0, -1, -1), range(3, -1, -1)
 
@@ -20,7 +20,7 @@ def image():
 
 
 def follow(*given):
-    return track_patches(*given, Patch())
+    return track_patches(*given, TrackingSettings().patch)
 
 
 def moved(image, A):

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ...types import Features
 from .spread import check_plane
 
 
 @dataclass(frozen=True)
-class GridDetector:
+class GridDetector(Checked, what="grid"):
     """Points of a regular grid in place of keypoints, for maps that know every pixel; no descriptors.
 
     Attributes
@@ -33,9 +33,6 @@ class GridDetector:
     """
 
     step: int = setting(16, 1, 10_000, unit="px", source="by hand; Motorcycle: 1504 places, beside ORB's 1304 points")
-
-    def __post_init__(self) -> None:
-        check_settings("grid", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Places of the grid in an (H, W) image, row by row, with equal margins."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._files import one_line, open_input, read_bytes
-from ..._settings import check_settings, copy_setting, setting
+from ..._settings import Checked, copy_setting, setting
 from ...errors import InputError
 from ...types import Features
 from ._onnx_probe import load_network, run_network, trouble_of
@@ -26,7 +26,7 @@ _STEP = 8  # px: sides are padded to a multiple, as networks with pooling need
 
 
 @dataclass(frozen=True)
-class OnnxDetector:
+class OnnxDetector(Checked, what="onnx"):
     """A network as detector: from a grey image (1, 1, H, W) in [0, 1] to scores and dense descriptors.
 
     Its two outputs, in either order, are keypoint scores (1, 1, H, W) or (1, H, W), larger is better, and descriptors
@@ -70,9 +70,6 @@ class OnnxDetector:
     radius: int = setting(4, 1, 100, unit="px", source="SuperPoint's demo (DeTone et al. 2018)")
     per_cell: float = copy_setting(OrbDetector, "per_cell")
     spacing: float = copy_setting(OrbDetector, "spacing")
-
-    def __post_init__(self) -> None:
-        check_settings("onnx", self)
 
     @property
     def fingerprint(self) -> str:

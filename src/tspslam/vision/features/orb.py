@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ...types import Features
 from .spread import check_plane, choose_evenly, no_features
 
@@ -17,7 +17,7 @@ _PATCH = 31  # px, diameter of ORB's patch
 
 
 @dataclass(frozen=True)
-class OrbDetector:
+class OrbDetector(Checked, what="orb"):
     """ORB keypoints and descriptors (Rublee et al. 2011), spread evenly over the image.
 
     Corners are peaks of the FAST segment test on each octave, ranked by Harris response and oriented by the centroid
@@ -68,10 +68,6 @@ class OrbDetector:
     spacing: float = setting(
         0.5, 0.0, 1.0, unit="", source="by hand; Motorcycle, ORB: 0.25, 0.5, 0.75 give 1335, 1304, 1093 points"
     )
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("orb", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints.

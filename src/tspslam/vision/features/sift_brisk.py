@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, copy_setting, setting
+from ..._settings import Checked, copy_setting, setting
 from ...types import Features
 from .orb import OrbDetector
 from .spread import check_plane, choose_evenly, no_features
@@ -18,7 +18,7 @@ _BRISK_SIZE = 12.0  # px, what OpenCV calls the size of a BRISK keypoint at full
 
 
 @dataclass(frozen=True)
-class SiftDetector:
+class SiftDetector(Checked, what="sift"):
     """SIFT keypoints (Lowe 2004) with real descriptors (128), compared by L2; spread evenly over the image.
 
     Attributes
@@ -61,9 +61,6 @@ class SiftDetector:
     per_cell: float = copy_setting(OrbDetector, "per_cell")
     spacing: float = copy_setting(OrbDetector, "spacing")
 
-    def __post_init__(self) -> None:
-        check_settings("sift", self)
-
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints in an (H, W) uint8 image."""
         import cv2
@@ -79,7 +76,7 @@ class SiftDetector:
 
 
 @dataclass(frozen=True)
-class BriskDetector:
+class BriskDetector(Checked, what="brisk"):
     """BRISK keypoints (Leutenegger et al. 2011) with 512-bit descriptors; spread evenly over the image.
 
     Attributes
@@ -115,9 +112,6 @@ class BriskDetector:
     octaves: int = setting(3, 0, 8, unit="octaves", source="OpenCV's; Motorcycle: 0, 3, 4 give 1254, 1281, 1282 points")
     per_cell: float = copy_setting(OrbDetector, "per_cell")
     spacing: float = copy_setting(OrbDetector, "spacing")
-
-    def __post_init__(self) -> None:
-        check_settings("brisk", self)
 
     def __call__(self, grey: NDArray[np.uint8]) -> Features:
         """Detect keypoints in an (H, W) uint8 image."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ...types import BoolArray, FloatArray
 from ..features.binary import Descriptors, match_descriptors, nearest_descriptors
 from ..images import Pyramid, build_pyramid
@@ -23,7 +23,7 @@ _MIN_STEP, _GUESSED = (
 
 
 @dataclass(frozen=True)
-class LoopSettings:
+class LoopSettings(Checked, what="tracking.loops"):
     """How places seen before are found.
 
     Parameters
@@ -98,10 +98,6 @@ class LoopSettings:
         source="as in matching left to right; corridor 0.425: 1.6, 1: 1.5 mm (1.5)",
     )
     pnp_error: float = setting(4.0, 0.1, 100, unit="px", source="by hand; corridor 2: 1.5, 8: 1.6 mm (1.5)")
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("tracking.loops", self)
 
 
 @dataclass(frozen=True)

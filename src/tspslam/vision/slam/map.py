@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ...types import BoolArray, FloatArray, Rig
 from ..features.binary import Descriptors
 from ..images import Pyramid
@@ -22,7 +22,7 @@ from .tracking import Reference
 
 
 @dataclass(frozen=True)
-class MapSettings:
+class MapSettings(Checked, what="tracking.map"):
     """Which landmarks and keyframes the map keeps, and what is adjusted.
 
     Parameters
@@ -84,10 +84,6 @@ class MapSettings:
     max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="72 MB of equations; half, twice: same paths")
     max_steps: int = setting(8, 1, 100, unit="steps", source="by hand; KITTI 05 4: 38, 16: 38 mm (38)")
     outlier: float = setting(5.0, 1, 100, unit="sigmas", source="by hand; KITTI 05 2.5: 42, 10: 40 mm (38)")
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("tracking.map", self)
 
 
 @dataclass(frozen=True, repr=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._checks import require
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
@@ -32,7 +32,7 @@ _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the
 
 
 @dataclass(frozen=True)
-class Tracking:
+class Tracking(Checked, what="tracking"):
     """How a camera is tracked.
 
     Parameters
@@ -85,7 +85,7 @@ class Tracking:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_settings("tracking", self)
+        super().__post_init__()
         for name, kind in (("pose", TrackingSettings), ("map", MapSettings), ("loops", LoopSettings)):
             require(getattr(self, name), kind, f"tracking: {name}")
 

@@ -29,10 +29,10 @@ class Patch:
         Of a patch that is found.
     """
 
-    radius: int = 5
-    contrast: float = 0.03
-    reach: float = 4.0
-    min_correlation: float = 0.8
+    radius: int
+    contrast: float
+    reach: float
+    min_correlation: float
 
 
 def track_patches(
@@ -67,11 +67,12 @@ def track_patches(
     --------
     >>> noise = np.random.default_rng(0).integers(0, 255, (64, 64)).astype(np.float32)
     >>> import cv2
+    >>> from tspslam import TrackingSettings
     >>> from tspslam.vision.images import build_pyramid
     >>> image = cv2.GaussianBlur(noise, (0, 0), 2).astype(np.uint8)
     >>> one, same = np.array([[30.0, 30.0]]), np.eye(2)[None]
     >>> images = build_pyramid(image), build_pyramid(np.roll(image, 3, 1))
-    >>> uv, good = track_patches(*images, one, same, one, range(0, -1, -1), Patch())
+    >>> uv, good = track_patches(*images, one, same, one, range(0, -1, -1), TrackingSettings().patch)
     >>> uv.round(1).tolist(), good.tolist()
     ([[33.0, 30.0]], [True])
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ...types import BoolArray, FloatArray, Rig
 from ..images import PreparedPair, Pyramid
 from ..rig import project
@@ -22,7 +22,7 @@ _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong
 
 
 @dataclass(frozen=True)
-class TrackingSettings:
+class TrackingSettings(Checked, what="tracking.pose"):
     """How landmarks are tracked into an image, and when a pose is believed.
 
     Parameters
@@ -109,10 +109,6 @@ class TrackingSettings:
     relocalized_share: float = setting(0.1, 0, 1, unit="", source=f"{_DRIVES}; 0.1 and more seconds apart")
     overrule: float = setting(3.0, 1, 100, unit="times", source="right poses had 4 times and more those of wrong ones")
     same_pose: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half, twice: same paths")
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("tracking.pose", self)
 
     @property
     def patch(self) -> Patch:

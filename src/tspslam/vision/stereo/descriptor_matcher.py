@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Features, FloatArray, StereoPair
@@ -20,7 +20,7 @@ _POOR = 0.25  # matches per keypoint, below which it is asked whether the images
 
 
 @dataclass(frozen=True)
-class DescriptorMatcher:
+class DescriptorMatcher(Checked, what="matcher"):
     """Plain matching of descriptors along rows with uniqueness: binary ones by Hamming, real ones by L2 distance.
 
     A match is the nearest descriptor in both directions, on the same row and octave within tolerance, and clearly
@@ -75,7 +75,7 @@ class DescriptorMatcher:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_settings("matcher", self)
+        super().__post_init__()
         check_order(self.min_disparity, self.max_disparity)
 
     def __call__(self, left: Features, right: Features, pair: StereoPair) -> Matches:

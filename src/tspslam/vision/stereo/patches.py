@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._brief import Brief
-from ..._settings import check_settings, setting
+from ..._settings import Checked, setting
 from ..._threads import in_halves
 from ...types import BoolArray, FloatArray
 from ..images import Plane
@@ -16,7 +16,7 @@ _MAX_OFFSETS = 128  # matches that the vertical offset is measured on
 
 
 @dataclass(frozen=True)
-class Patches:
+class Patches(Checked, what="patches"):
     """Size and weights of the square patches that are compared.
 
     Parameters
@@ -46,10 +46,6 @@ class Patches:
         0.07, 0.0, 10.0, unit="1 / grey level",
         source="by hand; Motorcycle: 0.03, 0.07, 0.15 give 1373, 1304, 1221 points, 95.0, 96.2, 96.7 % right to 1 px",
     )  # fmt: skip
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_settings("patches", self)
 
 
 @dataclass(frozen=True, repr=False)

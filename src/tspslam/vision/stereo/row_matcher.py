@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._settings import check_settings, copy_setting, setting
+from ..._settings import Checked, copy_setting, setting
 from ..._threads import both
 from ...types import Features, FloatArray, StereoPair
 from ..images import Plane, prepare
@@ -70,7 +70,7 @@ def search_near(matcher: object) -> SearchNear:
 
 
 @dataclass(frozen=True)
-class RowMatcher:
+class RowMatcher(Checked, what="matcher"):
     """Matches along rows with sub-pixel disparities.
 
     1. The range of disparities is surveyed with descriptors, within the limits given.
@@ -152,7 +152,7 @@ class RowMatcher:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_settings("matcher", self)
+        super().__post_init__()
         check_order(self.min_disparity, self.max_disparity)
 
     def __call__(self, left: Features, right: Features, pair: StereoPair) -> Matches:

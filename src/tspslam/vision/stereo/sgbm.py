@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._settings import check_settings, copy_setting, setting
+from ..._settings import Checked, copy_setting, setting
 from ...errors import InputError
 from ...types import Features, FloatArray, StereoPair
 from ..images import prepare
@@ -20,7 +20,7 @@ _STEP = 16  # OpenCV's disparities come in sixteenths of a pixel, and their numb
 
 
 @dataclass(frozen=True)
-class SgbmMatcher:
+class SgbmMatcher(Checked, what="sgbm"):
     """Semi-global matching (Hirschmüller 2008), OpenCV's variant, sampled at the keypoints of the left image.
 
     Keypoints of the right image only help to find the range of disparities, where they have descriptors.
@@ -60,7 +60,7 @@ class SgbmMatcher:
     speckle: int = setting(100, 0, 1_000_000, unit="px", source="OpenCV's manual (50 to 200)")
 
     def __post_init__(self) -> None:
-        check_settings("sgbm", self)
+        super().__post_init__()
         check_order(self.min_disparity, self.max_disparity)
         if self.block % 2 == 0:
             raise InputError(f"sgbm: block is {self.block}, expected an odd number from 1 to 15")
