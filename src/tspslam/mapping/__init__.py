@@ -1,0 +1,1 @@
+"""Keyframes and landmarks to one topological map."""

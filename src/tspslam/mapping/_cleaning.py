@@ -1,0 +1,91 @@
+"""Compiled loops that make triangles a manifold with a border."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._jit import inlined, kernel
+
+
+@kernel
+def limit_edges(faces, n):  # type: ignore[no-untyped-def]
+    """Whether each face stays, taken in order, if no side may have more than two."""
+    count = faces.shape[0]
+    head = np.full(n, -1, np.int64)  # of the list of sides of each smaller vertex
+    after, other, used = np.empty(3 * count, np.int64), np.empty(3 * count, np.int64), np.zeros(3 * count, np.int8)
+    keep = np.zeros(count, np.bool_)
+    sides = np.empty(3, np.int64)
+    size = 0
+    for f in range(count):
+        good = True
+        for k in range(3):
+            a, b = faces[f, k], faces[f, (k + 1) % 3]
+            if a > b:
+                a, b = b, a
+            s = head[a]
+            while s >= 0 and other[s] != b:
+                s = after[s]
+            if s < 0:
+                s, size = size, size + 1
+                other[s], after[s], head[a] = b, head[a], s
+            sides[k] = s
+            if used[s] >= 2:
+                good = False
+        if good:
+            for k in range(3):
+                used[sides[k]] += 1
+        keep[f] = good
+    return keep
+
+
+@kernel
+def largest_fans(faces, n):  # type: ignore[no-untyped-def]
+    """Whether each face belongs to the largest fan of each of its vertices; of equal ones, to that of the first face."""
+    count = faces.shape[0]
+    start = np.zeros(n + 1, np.int64)
+    for f in range(count):
+        for k in range(3):
+            start[faces[f, k] + 1] += 1
+    for v in range(n):
+        start[v + 1] += start[v]
+    around, fill = np.empty(3 * count, np.int64), start[:-1].copy()
+    for f in range(count):
+        for k in range(3):
+            around[fill[faces[f, k]]] = f
+            fill[faces[f, k]] += 1
+    keep = np.ones(count, np.bool_)
+    label, sizes = np.empty(count, np.int64), np.empty(count, np.int64)
+    for v in range(n):
+        first, last = start[v], start[v + 1]
+        for r in range(first, last):
+            label[r - first] = r - first
+        changed = True
+        while changed:
+            changed = False
+            for r in range(first, last):
+                for q in range(r + 1, last):
+                    if label[r - first] != label[q - first] and _meet(faces, around[r], around[q], v):
+                        low = min(label[r - first], label[q - first])
+                        label[r - first], label[q - first] = low, low
+                        changed = True
+        sizes[: last - first] = 0
+        for r in range(first, last):
+            sizes[label[r - first]] += 1
+        best = 0
+        for r in range(last - first):
+            if sizes[r] > sizes[best]:
+                best = r
+        for r in range(first, last):
+            if label[r - first] != best:
+                keep[around[r]] = False
+    return keep
+
+
+@inlined
+def _meet(faces, f, g, v):  # type: ignore[no-untyped-def]
+    """Whether two faces at vertex v share another vertex."""
+    found = False
+    for i in range(3):
+        for j in range(3):
+            found = found or (faces[f, i] == faces[g, j] and faces[f, i] != v)
+    return found

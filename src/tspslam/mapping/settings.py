@@ -1,0 +1,161 @@
+"""Settings of the map: which keyframes see what, how the surface is cut, which views count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .._checks import require
+from .._settings import Checked, setting
+
+
+@dataclass(frozen=True)
+class ObservationSettings(Checked, what="mapping.observations"):
+    """How landmarks are looked for in the keyframes that did not track them.
+
+    Parameters
+    ----------
+    neighbours : int
+        Keyframes before, and after, in whose images a landmark's patch is taken from.
+    misses : int
+        Keyframes in a row that do not show a landmark, after which it is not followed on.
+    revisits : int
+        Keyframes of other passes near by that are looked at.
+    reach : float
+        Largest distance from where the landmark's place has it.
+    min_correlation : float
+        Of a patch that is found.
+    radius : int
+        Half width of a patch.
+    same_place : float
+        Largest distance of two observations of one landmark.
+    same_disparity : float
+        Largest difference of their disparities.
+    sigma_uv : float
+        Standard deviation of a place.
+    sigma_disparity : float
+        Standard deviation of a disparity.
+    outlier : float
+        Length of a residual from which an observation is dropped.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> ObservationSettings(misses=1).reach
+    2.0
+    """
+
+    neighbours: int = setting(5, 1, 100, unit="keyframes", source="")
+    misses: int = setting(2, 1, 100, unit="keyframes", source="")
+    revisits: int = setting(4, 0, 100, unit="keyframes", source="")
+    reach: float = setting(2.0, 0.1, 20, unit="px", source="")
+    min_correlation: float = setting(0.85, 0, 1, unit="", source="")
+    radius: int = setting(4, 2, 20, unit="px", source="")
+    same_place: float = setting(1.5, 0.1, 20, unit="px", source="")
+    same_disparity: float = setting(1.0, 0.1, 20, unit="px", source="")
+    sigma_uv: float = setting(1.0, 0.01, 10, unit="px", source="")
+    sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="")
+    outlier: float = setting(5.0, 1, 100, unit="sigmas", source="")
+
+
+@dataclass(frozen=True)
+class SurfaceSettings(Checked, what="mapping.surface"):
+    """How one surface is cut from the tetrahedra of the landmarks.
+
+    Parameters
+    ----------
+    quality : float
+        Weight of a triangle's shape against rays that cross it.
+    behind : float
+        How far behind a landmark it is full, in standard deviations of its depth.
+    longest : float
+        Longest side of a triangle, over its depth.
+    longest_apart : float
+        Longest side of a triangle that no keyframe sees whole.
+    seen_through : int
+        Landmarks clearly behind a triangle, by the keyframes that see them, from which it goes.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> SurfaceSettings(longest=0.3).behind
+    1.0
+    """
+
+    quality: float = setting(0.25, 0, 100, unit="rays", source="")
+    behind: float = setting(1.0, 0, 100, unit="sigmas", source="")
+    longest: float = setting(0.4, 0.01, 100, unit="m per m of depth", source="")
+    longest_apart: float = setting(0.2, 0, 100, unit="m per m of depth", source="")
+    seen_through: int = setting(2, 1, 1000, unit="landmarks", source="")
+
+
+@dataclass(frozen=True)
+class ViewSettings(Checked, what="mapping.views"):
+    """Which keyframes count for an element's luminance and response.
+
+    Parameters
+    ----------
+    max_angle : float
+        Largest angle between an element's normal and the way to the camera.
+    hidden : float
+        How far behind a face a vertex is hidden, in standard deviations of its depth.
+    min_shared : int
+        Elements in common, from which two keyframes' exposures are compared.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> ViewSettings().max_angle
+    75.0
+    """
+
+    max_angle: float = setting(75.0, 0, 90, unit="degrees", source="")
+    hidden: float = setting(3.0, 0, 100, unit="sigmas", source="")
+    min_shared: int = setting(20, 1, 10_000, unit="elements", source="")
+
+
+@dataclass(frozen=True)
+class Mapping(Checked, what="mapping"):
+    """How keyframes and landmarks become one topological map.
+
+    Parameters
+    ----------
+    observations : ObservationSettings
+        How landmarks are looked for in further keyframes.
+    surface : SurfaceSettings
+        How the surface is cut.
+    views : ViewSettings
+        Which keyframes count for an element.
+
+    Raises
+    ------
+    InputError
+        If a parameter is of another kind.
+
+    Examples
+    --------
+    >>> Mapping(surface=SurfaceSettings(longest=0.3)).views.hidden
+    3.0
+    """
+
+    observations: ObservationSettings = field(default_factory=ObservationSettings)
+    surface: SurfaceSettings = field(default_factory=SurfaceSettings)
+    views: ViewSettings = field(default_factory=ViewSettings)
+
+    def __post_init__(self) -> None:
+        """Check the kinds."""
+        super().__post_init__()
+        kinds = {"observations": ObservationSettings, "surface": SurfaceSettings, "views": ViewSettings}
+        for name, kind in kinds.items():
+            require(getattr(self, name), kind, f"mapping: {name}")
