@@ -1,7 +1,8 @@
 """How good one surface over the landmarks of a sequence is: arrays in, figures out.
 
-What all take: ``xyz`` (N, 3) vertices, m; ``faces`` (F, 3) triples of them; ``rig``; ``T`` (K, 4, 4), ``T_world_camera``
-of the keyframes; observations as ``vertex`` (M,) and ``keyframe`` (M,), rows of ``xyz`` and ``T``. Shares are in [0, 1].
+What all take: ``xyz`` (N, 3) vertices, m; ``faces`` (F, 3) triples of them; ``rig``; ``T`` (K, 4, 4), the keyframes'
+``T_world_camera``; observations as ``vertex`` (M,) and ``keyframe`` (M,), rows of ``xyz`` and ``T``. Shares are in
+[0, 1].
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def double_layers(xyz, faces, rig: Rig, T, step: int = 4, farthest: float = FART
 
 
 def two_layers(xyz, faces, rig: Rig, T, step: int = 4):
-    """For each keyframe: 1 / z of the nearest two layers at every `step`-th pixel, (h, w, 2), 0 without; their faces."""
+    """For each keyframe at every `step`-th pixel: 1 / z of the nearest two layers (h, w, 2), else 0; their faces."""
     faces, lens = _faces(faces), lens_of(rig, step)
     shape = (-(-rig.height // step), -(-rig.width // step), 2)
     for pose in np.asarray(T, np.float64):
@@ -154,7 +155,7 @@ class Truth:
 
 
 def true_surface(depth, rig: Rig, T, T_true, every: int = 3) -> Truth:
-    """Points of true depth images (K, H, W), every `every`-th pixel both ways, at the estimated poses ``T`` (K, 4, 4)."""
+    """Every `every`-th pixel of true depth images (K, H, W) as points at the estimated poses ``T`` (K, 4, 4)."""
     depth, T = np.asarray(depth, np.float32), np.asarray(T, np.float64)
     parts = [_surfels(image, rig, pose, every) for image, pose in zip(depth, T, strict=True)]
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
@@ -162,7 +163,7 @@ def true_surface(depth, rig: Rig, T, T_true, every: int = 3) -> Truth:
 
 
 def _surfels(depth, rig: Rig, pose, every: int):
-    """Points, normals and reach of one depth image; 1 / z is linear over the image of a plane: its slope is the normal."""
+    """Points, normals and reach of one depth image: 1 / z is linear over the image of a plane, its slope the normal."""
     near = 1 / depth.astype(np.float64)
     ray = _rays(rig, depth.shape)
     along_u, along_v = _slope(near, 1), _slope(near, 0)
@@ -306,7 +307,7 @@ def face_samples(xyz, faces, n: int, seed: int = 0):
 
 
 def nearest_keyframe(xyz, faces, T, vertex, keyframe):
-    """(F,) keyframe in which the face's centre has the least depth, of those that observe one of its vertices; or -1."""
+    """(F,) keyframe in which the face's centre has least depth, of those that observe one of its vertices; or -1."""
     vertex, keyframe = np.asarray(vertex, np.int64), np.asarray(keyframe, np.int64)
     start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=len(xyz)))])
     keyframe = keyframe[np.argsort(vertex, kind="stable")]

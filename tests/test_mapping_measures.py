@@ -26,6 +26,10 @@ def moved(T=HERE, **by):
     return T
 
 
+def shifted(xyz, **by):
+    return xyz + np.array([by.get(axis, 0.0) for axis in "xyz"])
+
+
 def seen(z, T=HERE):
     """True depth images of an endless wall at z, from cameras that look along z."""
     return np.stack([np.full((RIG.height, RIG.width), z - pose[2, 3], np.float32) for pose in T])
@@ -135,9 +139,9 @@ def test_distance_of_a_wall_is_its_offset_over_depth(off, front, behind):
 def test_drift_does_not_count():
     T, drifted = np.concatenate([HERE, moved(x=0.3)]), moved(np.concatenate([HERE, moved(x=0.3)]), y=0.7)
     truth = measures.true_surface(seen(4.0, T), RIG, drifted, T)
-    xyz = square(4.0) + (0, 0.7, 0)
+    xyz = shifted(square(4.0), y=0.7)
     assert measures.distance_to_truth(xyz, SQUARE, truth, [0, 1], [0, 1], n=500).p95 < 1e-6
-    assert measures.coverage(square(4.0, 5.0) + (0, 0.7, 0), SQUARE, truth) == 1
+    assert measures.coverage(shifted(square(4.0, 5.0), y=0.7), SQUARE, truth) == 1
     assert max(measures.truth_floor(truth)) < 1e-6
 
 
@@ -161,8 +165,8 @@ def test_coverage_is_the_covered_share_of_what_two_keyframes_see():
     everything = square(4.0, 9.0)
     assert measures.coverage(everything, SQUARE, truth) == 1
     assert measures.coverage(everything, SQUARE[:0], truth) == 0
-    assert measures.coverage(everything + (0, 0, 0.11), SQUARE, truth) == 1
-    assert measures.coverage(everything + (0, 0, 0.13), SQUARE, truth) == 0
+    assert measures.coverage(shifted(everything, z=0.11), SQUARE, truth) == 1
+    assert measures.coverage(shifted(everything, z=0.13), SQUARE, truth) == 0
     half = everything.copy()
     half[[0, 3], 0] = 0.2  # the middle of what both see
     assert measures.coverage(half, SQUARE, truth, every=1) == pytest.approx(0.53, abs=0.04)
