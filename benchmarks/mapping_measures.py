@@ -198,7 +198,7 @@ def _to_discs(points, tree: cKDTree, truth: Truth, rows=None):
 
 
 class Distance(NamedTuple):
-    """Of samples of faces from the true surface, over depth; `unviewed` are samples of faces that no keyframe has."""
+    """Of samples of faces from the true surface, over depth; `unviewed` is the share of those before no keyframe."""
 
     median: float
     p95: float
@@ -207,21 +207,24 @@ class Distance(NamedTuple):
     unviewed: float
 
 
-def distance_to_truth(xyz, faces, truth: Truth, vertex, keyframe, n: int = 20_000, seed: int = 0) -> Distance:
-    """Distance of `n` samples of the faces, uniform by area, from the true surface over their depth.
+def distance_to_truth(
+    xyz, faces, truth: Truth, vertex, keyframe, n: int = 20_000, seed: int = 0, by: str = "area"
+) -> Distance:
+    """Distance of `n` samples of the faces, uniform by area (or as many on each: "face"), from the true surface.
 
-    Depth is that in the nearest keyframe that observes one of the face's vertices. `behind` and `front` are the shares
-    of samples that are more than 3 % behind or in front of what that keyframe truly saw along the ray, by all of the
-    four pixels around it; what is before the sky is in front. Samples outside its image are neither.
+    It is over their depth in the nearest keyframe that observes one of the face's vertices. `behind` and `front` are
+    the shares of samples that are more than 3 % behind or in front of what that keyframe truly saw along the ray, by
+    all of the four pixels around it; what is before the sky is in front. Samples outside its image are not among them.
     """
     xyz, faces = np.asarray(xyz, np.float64), _faces(faces)
-    points, of = face_samples(xyz, faces, n, seed)
+    points, of = face_samples(xyz, faces, n, seed, by)
     view = nearest_keyframe(xyz, faces, truth.T, vertex, keyframe)[of]
-    unviewed = float((view < 0).mean())
-    points, view = points[view >= 0], view[view >= 0]
     local = np.einsum("nji,nj->ni", truth.T[view, :3, :3], points - truth.T[view, :3, 3])
-    kept = local[:, 2] > 1e-3
-    points, view, local = points[kept], view[kept], local[kept]
+    viewed = (view >= 0) & (local[:, 2] > 1e-3)
+    unviewed = float((~viewed).mean())
+    if not viewed.any():
+        return Distance(np.nan, np.nan, 0.0, 0.0, unviewed)
+    points, view, local = points[viewed], view[viewed], local[viewed]
     share = truth.distance(points) / local[:, 2]
     behind, front = _beside_truth(local, view, truth)
     return Distance(float(np.median(share)), float(np.quantile(share, 0.95)), behind, front, unviewed)
@@ -295,10 +298,12 @@ def near_faces(xyz, faces, points, reach):
 # -- parts -------------------------------------------------------------------------------------------------------------
 
 
-def face_samples(xyz, faces, n: int, seed: int = 0):
-    """`n` points on the faces, uniform by area, and the face of each."""
+def face_samples(xyz, faces, n: int, seed: int = 0, by: str = "area"):
+    """`n` points on the faces, uniform by area, or as many on each face ("face"), and the face of each."""
+    if not len(faces):
+        raise ValueError("faces are none, expected one or more to take samples of")
     a, b, c = (xyz[faces[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) if by == "area" else np.ones(len(faces))
     rng = np.random.default_rng(seed)
     at = (np.arange(n) + rng.random(n)) / n * area.sum()
     of = np.minimum(np.searchsorted(np.cumsum(area), at, side="right"), len(faces) - 1)

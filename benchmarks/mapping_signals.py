@@ -106,25 +106,26 @@ def true_directions(xyz, faces, rig: Rig, T, clean) -> Directions:
 
 
 def one_view_directions(
-    xyz, faces, rig: Rig, T, images, seed: int = 0, centering: str | None = None, how: str = "gradient"
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """T-MAHF of each vertex in one keyframe by chance: its direction (N, 3), magnitude (N,), and whether there is one.
+    xyz, faces, rig: Rig, T, images, seed: int | None = 0, centering: str | None = None, how: str = "gradient"
+) -> tuple[Directions, np.ndarray]:
+    """T-MAHF of each vertex in one keyframe in which its whole star counts: its direction, and its magnitude (N,).
 
-    The keyframe is one where its whole star counts; `how` as in `lift`.
+    The keyframe is one by chance, as a single frame gives it; without a seed that which has most of the star. So with
+    noise-free images and no seed it is what the filter itself says of the surface, free of noise. `how` as in `lift`.
     """
     complex_, n = build_complex(faces, len(xyz)), len(xyz)
-    rng, best = np.random.default_rng(seed), np.full(len(xyz), -1.0)
-    direction, magnitude, ok = np.zeros((n, 3)), np.zeros(n), np.zeros(n, bool)
+    rng, best, magnitude = np.random.default_rng(seed), np.full(n, -1.0), np.zeros(n)
+    found = Directions(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, bool))
     for k, view in enumerate(_views(xyz, faces, rig, T)):
-        uv = _seen_pixels(view.points, rig)
+        uv, normal = _seen_pixels(view.points, rig), view.vertex_normals(n)
         response = tmahf(complex_, uv, sample_signals(images[k], uv, complex_), centering=centering)
         slope = np.stack([response.z.real, response.z.imag], axis=1)
-        there, steep = lift(slope, view.vertex_normals(n), view.points, T[k], rig, how)
-        chance = rng.random(n)
-        better = response.defined & steep & view.star_counts(n) & (chance > best)
-        best[better], ok[better] = chance[better], True
-        direction[better], magnitude[better] = there[better], response.magnitude[better]
-    return direction, magnitude, ok
+        direction, steep = lift(slope, normal, view.points, T[k], rig, how)
+        score = view.star(view.pixels * view.cosine, n) if seed is None else rng.random(n)
+        better = response.defined & steep & view.star_counts(n) & (score > best)
+        best[better], magnitude[better] = score[better], response.magnitude[better]
+        found.direction[better], found.normal[better], found.ok[better] = direction[better], normal[better], True
+    return found, magnitude
 
 
 def direction_errors(direction, magnitude, ok, true: Directions):

@@ -1,11 +1,15 @@
 """Signals and directions of a map beside the truth of a ramp on a slanted wall."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from benchmarks import mapping
 from benchmarks import mapping_signals as signals
 from benchmarks.mapping_measures import lens_of, to_camera
-from tspslam import Rig
+from tspslam import Rig, build_complex
+from tspslam.datasets import synthetic
 
 RIG = Rig(fx=120, fy=110, cx=60, cy=50, baseline=0.2, width=121, height=101, skew=2.0)
 WALL = np.array([[1.0, 0, 0.7], [0, 1, 0.2]])  # its axes; it passes through (0, 0, 4)
@@ -103,13 +107,22 @@ def test_the_true_direction_is_the_gradient_in_the_surface(k):
 def test_a_plane_fit_lifted_as_a_gradient_agrees_from_every_camera(seed):
     xyz, faces = fan()
     T = poses()
-    direction, magnitude, ok = signals.one_view_directions(xyz, faces, RIG, T, taken(T), seed, "plane")
+    one, magnitude = signals.one_view_directions(xyz, faces, RIG, T, taken(T), seed, "plane")
     true = signals.true_directions(xyz, faces, RIG, T, taken(T))
+    ok = one.ok & (np.arange(7) == 0)
+    assert signals.direction_errors(one.direction, magnitude, ok, true).max() < 2
     assert ok[0]
-    assert (
-        signals.direction_errors(direction[:1], magnitude[:1], ok[:1], signals.Directions(*(a[:1] for a in true)))[0]
-        < 2
-    )
+
+
+def test_without_a_seed_the_nearest_view_is_taken():
+    xyz, faces = fan()
+    T, images = poses(), taken(poses())
+    T[2, 2, 3] = 1.0
+    images = np.stack([images[0], images[1], 1 - images[0]])  # luminance of the last falls where the others' grows
+    one, _ = signals.one_view_directions(xyz, faces, RIG, T, images, None, "plane")
+    true = signals.true_directions(xyz, faces, RIG, T, images)
+    assert one.direction[0] @ gradient() < -0.9
+    assert true.direction[0] @ gradient() < -0.9
 
 
 def test_a_tangent_that_projects_along_a_slope_does():
@@ -135,3 +148,26 @@ def test_errors_are_angles_in_the_tangent_plane_of_the_strongest_half():
     given = np.array([[0, 1, 0], [np.sqrt(0.75), -0.5, 3], [-1, 0, 0], [0, 1, 0]])
     errors = signals.direction_errors(given, [1, 2, 3, 4], np.ones(4, bool), true)
     assert errors == pytest.approx([30, 180])
+
+
+def test_every_figure_of_a_map_is_found():
+    wall = synthetic.Scene((synthetic.plane(9, 9).at(0, 0, 4, turn=(0, 0.3, 0)),), poses())
+    rig = Rig(fx=120, fy=110, cx=60, cy=50, baseline=0.2, width=121, height=101)
+    noisy, clean = (synthetic.SyntheticSequence(wall, rig, faults) for faults in (mapping.FAULTS, mapping.CLEAN))
+    at, faces = fan()
+    xyz = np.column_stack([at[:, :2], 4 - np.tan(0.3) * at[:, 0]])
+    views = signals.face_views(xyz, faces, rig, poses(), np.stack([clean[k].left for k in range(3)]))
+    face, ok = signals.best_face_values(views, 6)
+    true = signals.true_directions(xyz, faces, rig, poses(), np.stack([clean[k].left for k in range(3)]))
+    made = SimpleNamespace(
+        xyz=xyz, complex_=build_complex(faces, 7), keyframes=np.arange(3), T_world_camera=poses(), defined=true.ok,
+        observations=SimpleNamespace(start=3 * np.arange(8), keyframe=np.tile(np.arange(3), 7)),
+        signals=SimpleNamespace(face=face, face_ok=ok), response=SimpleNamespace(magnitude=np.ones(7)),
+        direction=true.direction,
+    )  # fmt: skip
+    found = mapping.figures(made, mapping.World("wall", noisy, clean))
+    assert (found["faces"], found["three sightings"], found["double"], found["blocked"]) == (6, 100, 0, 0)
+    assert found["off 95th"] < 1e-3
+    assert 0 < found["covered"] < 100
+    assert (found["grey / one"], found["turned / one"]) == pytest.approx((0, 0), abs=1e-9)
+    assert np.isfinite(list(found.values())).all()
