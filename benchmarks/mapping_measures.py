@@ -302,6 +302,8 @@ def face_samples(xyz, faces, n: int, seed: int = 0, by: str = "area"):
     """`n` points on the faces, uniform by area, or as many on each face ("face"), and the face of each."""
     if not len(faces):
         raise ValueError("faces are none, expected one or more to take samples of")
+    if by not in ("area", "face"):
+        raise ValueError(f"by is {by!r}, expected 'area' or 'face'")
     a, b, c = (xyz[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) if by == "area" else np.ones(len(faces))
     rng = np.random.default_rng(seed)
