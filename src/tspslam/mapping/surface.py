@@ -1,126 +1,248 @@
-"""One surface over all landmarks: the border between what rays say is free and what lies behind."""
+"""One surface over all landmarks: the border between what rays say is free and what lies behind the landmarks.
+
+Delaunay tetrahedra of the landmarks are labelled free or full by a minimum cut (Labatut, Pons and Keriven 2007, 2009):
+each ray from a keyframe to a landmark asks that what it crosses be free, and what is right behind the landmark full.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._settings import Checked, setting
 from ..errors import GeometryError
-from ..types import FloatArray
+from ..types import BoolArray, FloatArray, Rig
+from .landmarks import Landmarks, depth_sigmas
+from .settings import SurfaceSettings, ViewSettings
+from .views import Rows
+from .visibility import face_normals, look
 
+Faces = NDArray[np.int32]
 _SCALE = 100  # of capacities, which the maximum flow takes as whole numbers
-_LARGEST = 1 << 24
-
-
-@dataclass(frozen=True)
-class SurfaceSettings(Checked, what="mapping.surface"):
-    quality: float = setting(0.5, 0, 10, unit="rays", source="")
-    behind: float = setting(3.0, 0, 10, unit="sigmas", source="")
-    longest_edge: float = setting(0.4, 0.01, 10, unit="m per m of depth", source="")
+_LARGEST = 1 << 24  # so that sums stay within 32 bits
+_BOX, _JITTER = 1.0, 0.05  # margin and disorder of the box around all points, over their extent
+_FOUR = 4
 
 
 class Rays(NamedTuple):
+    """Rays from keyframes to landmarks.
+
+    Attributes
+    ----------
+    vertex, keyframe : (O,) int64
+        Rows of landmarks and of keyframes.
+    origin : (O, 3) float64
+        Where the camera was, m.
+    sigma : (O,) float64
+        Standard deviation of the landmark along the ray, m.
+    depth : (O,) float64
+        Of the landmark, m.
+    """
+
+    vertex: Rows
+    keyframe: Rows
     origin: FloatArray
-    vertex: NDArray[np.int64]
     sigma: FloatArray
-    weight: FloatArray
+    depth: FloatArray
 
 
-def carve_surface(points: FloatArray, rays: Rays, depth: FloatArray, settings: SurfaceSettings) -> NDArray[np.int32]:
-    from scipy.spatial import Delaunay
+def make_rays(T_world_camera: FloatArray, landmarks: Landmarks, covariance: FloatArray) -> Rays:
+    """Make a ray of each observation.
 
-    box = _box(points, rays.origin)
-    mesh = Delaunay(np.concatenate([points, box]))
-    cells = _Cells(np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.simplices), np.ascontiguousarray(mesh.neighbors))
-    inside = _cut(cells, rays, settings)
-    return _faces(cells, inside, len(points), points, depth, settings)
+    Parameters
+    ----------
+    T_world_camera : (K, 4, 4) float64
+        Poses of the keyframes.
+    landmarks : Landmarks
+        And their observations.
+    covariance : (N, 3, 3) float64
+        Theirs, m².
+
+    Returns
+    -------
+    Rays
+    """
+    seen = landmarks.seen
+    T = T_world_camera[seen.keyframe]
+    along = landmarks.xyz[seen.landmark] - T[:, :3, 3]
+    depth = np.einsum("oi,oi->o", along, T[:, :3, 2])
+    sigma = depth_sigmas(covariance, seen.landmark, along / np.linalg.norm(along, axis=1, keepdims=True))
+    return Rays(seen.landmark, seen.keyframe, np.ascontiguousarray(T[:, :3, 3]), sigma, depth)
+
+
+def cut_surface(
+    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, rays: Rays, settings: SurfaceSettings, views: ViewSettings
+) -> Faces:
+    """Cut one surface from the tetrahedra of the landmarks: a manifold with a border.
+
+    Triangles go that are too long, that no keyframe sees from the front, or that several landmarks are seen through.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    T_world_camera : (K, 4, 4) float64
+        Poses of the keyframes.
+    xyz : (N, 3) float64
+        Landmarks, m.
+    rays : Rays
+        Their observations.
+    settings : SurfaceSettings
+        What is cut.
+    views : ViewSettings
+        When a vertex is hidden.
+
+    Returns
+    -------
+    (F, 3) int32
+        Wound so that normals look at the cameras.
+
+    Raises
+    ------
+    GeometryError
+        If the landmarks span no surface.
+    """
+    cells = _tetrahedra(xyz, rays.origin)
+    faces = _border(cells, _full(cells, rays, settings), len(xyz))
+    faces = make_manifold(faces[_is_short(xyz, faces, rays, len(T_world_camera), settings)], xyz)
+    faces = make_manifold(faces[_is_seen(rig, T_world_camera, xyz, faces, rays, settings, views)], xyz)
+    if not len(faces):
+        raise GeometryError(f"map: {len(xyz)} landmarks span no surface, expected some apart from one line")
+    return faces
 
 
 class _Cells(NamedTuple):
+    """Tetrahedra of landmarks and of the corners of a box: points, vertices (T, 4), neighbours (T, 4)."""
+
     points: FloatArray
     vertices: NDArray[np.int32]
     neighbours: NDArray[np.int32]
 
 
-def _box(points: FloatArray, origins: FloatArray) -> FloatArray:
-    both = np.concatenate([points, origins])
-    low, high = both.min(axis=0), both.max(axis=0)
-    size = (high - low).max()
+def _tetrahedra(xyz: FloatArray, origins: FloatArray) -> _Cells:
+    from scipy.spatial import Delaunay, QhullError
+
+    both = np.concatenate([xyz, origins])
+    middle = both.mean(axis=0)  # so that far from the origin nothing is lost to rounding
+    low, high = both.min(axis=0) - middle, both.max(axis=0) - middle
+    size = float((high - low).max())
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
-    jitter = np.random.default_rng(0).uniform(-0.05, 0.05, (8, 3))
-    return low - size + corners * (high - low + 2 * size) + jitter * size
+    jitter = np.random.default_rng(0).uniform(-_JITTER, _JITTER, corners.shape)
+    box = low - _BOX * size + corners * (high - low + 2 * _BOX * size) + jitter * size
+    try:
+        mesh = Delaunay(np.concatenate([xyz - middle, box]))
+    except QhullError as error:
+        raise GeometryError(f"map: {len(xyz)} landmarks have no tetrahedra ({str(error).split(chr(10))[0]})") from error
+    points = np.ascontiguousarray(mesh.points) + middle
+    return _Cells(points, np.ascontiguousarray(mesh.simplices), np.ascontiguousarray(mesh.neighbors))
 
 
-def _cut(cells, rays, settings):
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+def _full(cells: _Cells, rays: Rays, settings: SurfaceSettings) -> BoolArray:
+    """Which tetrahedra are full: those on the far side of the minimum cut."""
     from . import _carving
 
-    points, tets, near = cells
-    m = len(tets)
-    planes, cosines = np.empty((m, 4, 4)), np.empty((m, 4))
-    _carving.facet_planes(points, tets, planes)
-    _carving.sphere_angles(points, tets, planes, cosines)
-    order = np.argsort(tets.ravel(), kind="stable")
-    start = np.searchsorted(tets.ravel()[order], np.arange(len(points) + 1))
-    out = np.zeros((m, 4)), np.zeros(m), np.zeros(m)
-    lost = _carving.carve(points, tets, near, planes, start, order // 4, *rays, settings.behind, out)
-    capacity, free, full = out
-    t, k = np.nonzero(near >= 0)
-    other = near[t, k]
-    back = np.argmax(near[other] == t[:, None], axis=1)
-    quality = 1 - np.minimum(cosines[t, k], cosines[other, back])
-    cap = capacity[t, k] + settings.quality * quality
-    both = np.minimum(free, full)
-    free, full = free - both, full - both
-    s, e = np.flatnonzero(free), np.flatnonzero(full)
-    rows = np.concatenate([t, np.full(len(s), m), e])
-    cols = np.concatenate([other, s, np.full(len(e), m + 1)])
-    # source edges are what the camera's cell insists on
-    values = np.concatenate([cap, free[s], full[e]])
+    count = len(cells.vertices)
+    planes, cosines = np.empty((count, _FOUR, _FOUR)), np.empty((count, _FOUR))
+    _carving.facet_planes(cells.points, cells.vertices, planes)
+    _carving.sphere_angles(cells.points, cells.vertices, planes, cosines)
+    around = np.argsort(cells.vertices.ravel(), kind="stable")
+    start = np.searchsorted(cells.vertices.ravel()[around], np.arange(len(cells.points) + 1))
+    crossed, free, full = np.zeros((count, _FOUR)), np.zeros(count), np.zeros(count)
+    given = rays.origin, rays.vertex, rays.sigma, settings.behind
+    _carving.carve(*cells, planes, start, around // _FOUR, *given, (crossed, free, full))
+    one, facet = np.nonzero(cells.neighbours >= 0)
+    other = cells.neighbours[one, facet]
+    back = np.argmax(cells.neighbours[other] == one[:, None], axis=1)
+    bent = 1 - np.minimum(cosines[one, facet], cosines[other, back])
+    return _far_side(one, other, crossed[one, facet] + settings.quality * bent, free, full)
+
+
+def _far_side(one: Rows, other: Rows, capacity: FloatArray, free: FloatArray, full: FloatArray) -> BoolArray:
+    """Which nodes a minimum cut leaves on the side of the sink."""
+    from scipy.sparse import csr_matrix  # which maximum_flow takes in every version; arrays only in newer ones
+    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+    count, both = len(free), np.minimum(free, full)
+    sources, sinks = np.flatnonzero(free > both), np.flatnonzero(full > both)
+    rows = np.concatenate([one, np.full(len(sources), count), sinks])
+    columns = np.concatenate([other, sources, np.full(len(sinks), count + 1)])
+    values = np.concatenate([capacity, (free - both)[sources], (full - both)[sinks]])
     whole = np.minimum(np.rint(values * _SCALE), _LARGEST).astype(np.int32)
-    graph = csr_array((whole, (rows, cols)), shape=(m + 2, m + 2)).tocsr()
-    graph.indices, graph.indptr = graph.indices.astype(np.int32), graph.indptr.astype(np.int32)
-    from scipy.sparse import csr_matrix
-    flow = maximum_flow(csr_matrix(graph), m, m + 1).flow
-    rest = csr_matrix(graph) - flow
+    graph = csr_matrix((whole, (rows, columns)), shape=(count + 2, count + 2))
+    rest = graph - maximum_flow(graph, count, count + 1).flow
     rest.data[rest.data < 0] = 0
     rest.eliminate_zeros()
-    reached = breadth_first_order(rest, m, directed=True, return_predecessors=False)
-    is_free = np.zeros(m + 2, bool)
-    is_free[reached] = True
-    return ~is_free[:m]
+    is_far = np.ones(count + 2, np.bool_)
+    is_far[breadth_first_order(rest, count, return_predecessors=False)] = False
+    return is_far[:count]
 
 
-def _faces(cells, full, n, points, depth, settings):
+def _border(cells: _Cells, is_full: BoolArray, n: int) -> Faces:
+    """Facets between full and free tetrahedra whose corners are landmarks, wound to look at the free side."""
     from . import _carving
-    corners = _carving.CORNERS
-    t, k = np.nonzero(full[:, None] & (cells.neighbours >= 0) & ~full[cells.neighbours])
-    faces = cells.vertices[t[:, None], corners[k]]
-    apex = cells.vertices[t, k]
-    p = cells.points
-    a, b, c = (p[faces[:, j]] for j in range(3))
-    side = np.einsum("ij,ij->i", np.cross(b - a, c - a), p[apex] - a)
-    faces[side > 0] = faces[side > 0][:, ::-1]
-    keep = (faces < n).all(axis=1)
-    faces = faces[keep]
-    edge = np.linalg.norm(points[faces] - points[np.roll(faces, -1, axis=1)], axis=2).max(axis=1)
-    return faces[edge <= settings.longest_edge * depth[faces].min(axis=1)].astype(np.int32)
+
+    cell, facet = np.nonzero(is_full[:, None] & (cells.neighbours >= 0) & ~is_full[cells.neighbours])
+    faces = cells.vertices[cell[:, None], _carving.CORNERS[facet]]
+    inwards = cells.points[cells.vertices[cell, facet]] - cells.points[faces[:, 0]]
+    is_turned = np.einsum("fi,fi->f", face_normals(cells.points, faces), inwards) > 0
+    faces[is_turned] = faces[is_turned][:, ::-1]
+    return np.ascontiguousarray(faces[(faces < n).all(axis=1)], np.int32)
 
 
-def clean(faces, points, n):
-    """edges with two faces, short faces first; then the largest fan of each vertex"""
-    perimeter = np.linalg.norm(points[faces] - points[np.roll(faces, -1, axis=1)], axis=2).sum(axis=1)
-    faces = faces[np.argsort(perimeter, kind="stable")]
+def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, keyframes: int, settings: SurfaceSettings) -> BoolArray:
+    """Whether no side of a face is too long for its depth; longer ones are allowed where a keyframe sees it whole."""
+    from . import _carving
+
+    depth = np.full(len(xyz), np.inf)
+    np.minimum.at(depth, rays.vertex, rays.depth)
+    sides = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2).max(axis=1) / depth[faces].min(axis=1)
+    start = np.searchsorted(rays.vertex, np.arange(len(xyz) + 1))
+    is_long = sides > settings.longest_apart
+    is_whole = np.ones(len(faces), np.bool_)
+    is_whole[is_long] = _carving.share_keyframe(faces[is_long], start, rays.keyframe)
+    return (sides <= settings.longest) & is_whole
+
+
+def make_manifold(faces: Faces, xyz: FloatArray) -> Faces:
+    """Drop faces until each edge has two at most, and each vertex one fan: short faces and large fans stay.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+        Triangles.
+    xyz : (N, 3) float64
+        Vertices, m.
+
+    Returns
+    -------
+    (G, 3) int32
+        In the order of their size.
+    """
     from . import _cleaning
-    keep = _cleaning.limit_edges(faces, n)
-    faces = faces[keep]
+
+    around = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2).sum(axis=1)
+    faces = faces[np.lexsort((*faces.T, around))]
+    faces = faces[_cleaning.limit_edges(faces, len(xyz))]
     while True:
-        keep = _cleaning.largest_fans(faces, n)
-        if keep.all():
+        is_kept = _cleaning.largest_fans(faces, len(xyz))
+        if is_kept.all():
             return faces
-        faces = faces[keep]
+        faces = faces[is_kept]
+
+
+def _is_seen(
+    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, faces: Faces, rays: Rays,
+    settings: SurfaceSettings, views: ViewSettings,
+) -> BoolArray:  # fmt: skip
+    """Whether a keyframe sees each face from the front, and few landmarks are seen through it."""
+    normals, corner = face_normals(xyz, faces), xyz[faces[:, 0]]
+    pixels, hidden = np.zeros(len(faces), np.int64), []
+    for k, T in enumerate(T_world_camera):
+        rows = np.flatnonzero(rays.keyframe == k)
+        sight = look(rig, T, xyz, faces)
+        sight.count_pixels(np.einsum("fi,fi->f", normals, T[:3, 3] - corner) > 0, pixels)
+        by = sight.hidden_by(rays.vertex[rows], views.hidden * rays.sigma[rows])
+        hidden.append(np.column_stack([by, rays.vertex[rows]])[by >= 0])
+    through = np.unique(np.concatenate(hidden), axis=0)[:, 0]
+    return (pixels > 0) & (np.bincount(through, minlength=len(faces)) < settings.seen_through)

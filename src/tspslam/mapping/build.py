@@ -1,0 +1,167 @@
+"""Keyframes and landmarks to one topological map: the walk through the room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frame import Frame
+from ..topological_map import Levels, Observations, TopologicalMap
+from ..topology.complex import build_complex
+from ..types import FloatArray, Rig, Signals, Surface
+from ..vision.slam.map import MapSnapshot
+from .averaging import average, average_answers, estimate_gains
+from .landmarks import Landmarks, covariances, join_observations, place_landmarks
+from .sampling import Filter, Samples, Shape, frame_shape, lift_phases, sample_views, viewing_cosines
+from .searching import find_again
+from .settings import Mapping, ViewSettings
+from .surface import cut_surface, make_rays
+from .views import Sightings, View
+from .visibility import face_normals
+
+_LEAST = 2  # observations that a vertex keeps, hidden or not
+
+
+def make_map(
+    views: Sequence[View], snapshot: MapSnapshot, rig: Rig, filter_: Filter, settings: Mapping
+) -> TopologicalMap:
+    """Make the map of two keyframes or more.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The keyframes of the snapshot, in its order.
+    snapshot : MapSnapshot
+        Landmarks and their observations.
+    rig : Rig
+        The cameras, with the offset of the disparities that the path found.
+    filter_ : callable, (Complex, uv, Signals) -> Response
+        The filter.
+    settings : Mapping
+        How.
+
+    Returns
+    -------
+    TopologicalMap
+
+    Raises
+    ------
+    GeometryError
+        If the landmarks span no surface.
+    """
+    T = snapshot.T_world_camera
+    landmarks = collect_landmarks(views, snapshot, rig, settings)
+    covariance = covariances(rig, T, landmarks, settings.observations)
+    rays = make_rays(T, landmarks, covariance)
+    faces = cut_surface(rig, T, landmarks.xyz, rays, settings.surface, settings.views)
+    is_used = np.zeros(len(landmarks.id), np.bool_)
+    is_used[faces] = True
+    faces = (np.cumsum(is_used) - 1)[faces].astype(np.int32)
+    faces = faces[np.lexsort(np.sort(faces, axis=1).T[::-1])]
+    landmarks = landmarks.keep(is_used)
+    shape = frame_shape(build_complex(faces, len(landmarks.id)), faces, landmarks.xyz, covariance[is_used])
+    samples = sample_views(views, rig, shape, filter_, settings.views)
+    return _average_all(landmarks, shape, samples, T, snapshot.keyframe, rig, settings.views)
+
+
+def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: Mapping) -> Landmarks:
+    """Join what the path observed to what is found again, and place the landmarks that two keyframes see.
+
+    Parameters
+    ----------
+    views, snapshot, rig, settings
+        As `make_map`.
+
+    Returns
+    -------
+    Landmarks
+    """
+    known = Sightings(
+        np.searchsorted(snapshot.landmark_id, snapshot.observed_id),
+        np.repeat(np.arange(len(views)), np.diff(snapshot.start)),
+        snapshot.uv,
+        snapshot.disparity,
+    )
+    found = find_again(views, rig, snapshot.xyz, known, settings.observations)
+    seen = join_observations(known, found, len(snapshot.xyz), len(views), settings.observations)
+    given = snapshot.landmark_id, snapshot.xyz, seen, settings.observations
+    return place_landmarks(rig, snapshot.T_world_camera, *given)
+
+
+def _average_all(
+    landmarks: Landmarks, shape: Shape, samples: Samples, T: FloatArray, keyframes: NDArray[np.int64], rig: Rig,
+    settings: ViewSettings,
+) -> TopologicalMap:  # fmt: skip
+    """The map, from what all keyframes see of it."""
+    gain = estimate_gains(samples.face, len(T), settings)
+    sizes = shape.complex_.n, len(shape.complex_.edges), len(shape.complex_.faces)
+    given = zip((samples.vertex, samples.edge, samples.face), sizes, strict=True)
+    vertex, edge, face = (average(sample, gain, size) for sample, size in given)
+    signals = Signals(
+        vertex.value, edge.value, face.value, edge.uv, face.uv, edge.pixels, face.pixels,
+        vertex.count > 0, edge.count > 0, face.count > 0,
+    )  # fmt: skip
+    response, direction, spread, count = average_answers(samples.answer, shape.normals[0], samples.order)
+    return TopologicalMap(
+        xyz=shape.xyz, covariance=shape.covariance, surface=Surface(shape.faces), complex_=shape.complex_,
+        signals=signals, view_count=Levels(vertex.count, edge.count, face.count),
+        view_variance=Levels(vertex.variance, edge.variance, face.variance), response=response,
+        direction=direction, direction_spread=spread, direction_count=count, landmark_id=landmarks.id,
+        observations=_observations(landmarks.seen, shape, samples.seen, T, settings), keyframes=keyframes,
+        T_world_camera=T, gain=gain, rig=rig,
+    )  # fmt: skip
+
+
+def _observations(
+    seen: Sightings, shape: Shape, visible: NDArray[np.int64], T: FloatArray, settings: ViewSettings
+) -> Observations:
+    """Observations of the vertices; hidden ones go where two others are left."""
+    n, rows = shape.complex_.n, seen.landmark
+    is_seen = np.isin(seen.keyframe * n + rows, visible)
+    cosine = viewing_cosines(shape.xyz[rows], shape.normals[0][rows], T[seen.keyframe, :3, 3])
+    weight = np.where(is_seen & (cosine >= np.cos(np.radians(settings.max_angle))), cosine, 0.0)
+    is_kept = is_seen | (np.bincount(rows, is_seen, minlength=n) < _LEAST)[rows]
+    kept, weight = seen.take(is_kept), weight[is_kept]
+    start = np.searchsorted(kept.landmark, np.arange(n + 1))
+    return Observations(start, kept.keyframe, kept.uv, kept.disparity, weight)
+
+
+def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> TopologicalMap:
+    """Make the map of a single keyframe: its own complex, signals and response, in the world.
+
+    Parameters
+    ----------
+    frame : Frame
+        The keyframe.
+    rig : Rig
+        The cameras.
+    T_world_camera : (4, 4) float64
+        Its pose.
+
+    Returns
+    -------
+    TopologicalMap
+        Points that are no landmarks have the number -1.
+    """
+    cloud, signals, n, R = frame.cloud, frame.signals, len(frame.cloud), T_world_camera[:3, :3]
+    xyz = cloud.xyz @ R.T + T_world_camera[:3, 3]
+    covariance = np.zeros((n, 3, 3)) if cloud.covariance is None else R @ cloud.covariance @ R.T
+    faces, camera = frame.complex_.faces.copy(), T_world_camera[:3, 3]
+    is_away = np.einsum("fi,fi->f", face_normals(xyz, faces), camera - xyz[faces[:, 0]]) < 0
+    faces[is_away] = faces[is_away][:, ::-1]
+    shape = frame_shape(frame.complex_, faces, xyz, covariance)
+    z = frame.response.z if frame.response.z.ndim == 1 else frame.response.z[:, 0]
+    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], z, frame.response.order)
+    weight = np.maximum(viewing_cosines(xyz, shape.normals[0], camera), 0.0)
+    counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
+    return TopologicalMap(
+        xyz=xyz, covariance=covariance, surface=Surface(faces), complex_=frame.complex_, signals=signals,
+        view_count=counts, view_variance=Levels(*(np.zeros(len(ok)) for ok in counts)), response=frame.response,
+        direction=np.where(frame.response.defined[:, None], direction, 0.0), direction_spread=np.zeros(n),
+        direction_count=frame.response.defined.astype(np.int32),
+        landmark_id=np.full(n, -1) if frame.landmark is None else frame.landmark,
+        observations=Observations(np.arange(n + 1), np.zeros(n, np.int64), cloud.uv, cloud.disparity, weight),
+        keyframes=np.array([frame.index]), T_world_camera=T_world_camera[None], gain=np.ones(1), rig=rig,
+    )  # fmt: skip
