@@ -72,14 +72,18 @@ def estimate_gains(faces: Sample, keyframes: int, settings: ViewSettings) -> Flo
     W = W + W.T
     degree = np.asarray(W.sum(axis=1)).ravel()
     L = (coo_array((degree, (np.arange(keyframes),) * 2), shape=W.shape) - W).tocsc()
-    right = np.bincount(one, count * difference, minlength=keyframes) - np.bincount(other, count * difference, minlength=keyframes)
+    right = np.bincount(one, count * difference, minlength=keyframes) - np.bincount(
+        other, count * difference, minlength=keyframes
+    )
     hold = coo_array((np.full(keyframes, 1e-9 * max(degree.max(), 1.0)), (np.arange(keyframes),) * 2), shape=W.shape)
     logs = spsolve((L + hold).tocsc(), right)
     logs -= (np.bincount(part, logs) / np.bincount(part))[part]
     return np.exp(logs)
 
 
-def _compare_exposures(faces: Sample, keyframes: int, settings: ViewSettings) -> tuple[Rows, Rows, FloatArray, FloatArray]:
+def _compare_exposures(
+    faces: Sample, keyframes: int, settings: ViewSettings
+) -> tuple[Rows, Rows, FloatArray, FloatArray]:
     """Pairs of keyframes, by how much the log of the gain of the first exceeds that of the second, and of how many faces."""
     order = np.lexsort((faces.keyframe, faces.element))
     order = order[faces.value[order] > _DARKEST]

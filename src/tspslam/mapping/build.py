@@ -152,8 +152,7 @@ def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> Topologi
     is_away = np.einsum("fi,fi->f", face_normals(xyz, faces), camera - xyz[faces[:, 0]]) < 0
     faces[is_away] = faces[is_away][:, ::-1]
     shape = frame_shape(frame.complex_, faces, xyz, covariance)
-    z = frame.response.z if frame.response.z.ndim == 1 else frame.response.z[:, 0]
-    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], z, frame.response.order)
+    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], frame.response, "projection")
     weight = np.maximum(viewing_cosines(xyz, shape.normals[0], camera), 0.0)
     counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
     return TopologicalMap(

@@ -50,7 +50,9 @@ class Landmarks(NamedTuple):
         return Landmarks(self.id[is_kept], self.xyz[is_kept], seen._replace(landmark=new[seen.landmark]))
 
 
-def join_observations(known: Sightings, found: Sightings, count: int, views: int, settings: ObservationSettings) -> Sightings:
+def join_observations(
+    known: Sightings, found: Sightings, count: int, views: int, settings: ObservationSettings
+) -> Sightings:
     """Join what was found to what the keyframes know: landmarks seen in one place, at one depth, become one.
 
     What is found where a keyframe knows another landmark at another depth is dropped.
@@ -145,7 +147,9 @@ def place_landmarks(
     return Landmarks(id_, xyz, seen).keep(count >= _LEAST)
 
 
-def covariances(rig: Rig, T_world_camera: FloatArray, landmarks: Landmarks, settings: ObservationSettings) -> FloatArray:
+def covariances(
+    rig: Rig, T_world_camera: FloatArray, landmarks: Landmarks, settings: ObservationSettings
+) -> FloatArray:
     """Covariance of each landmark, the keyframes held: inverse of the information of all its observations.
 
     Parameters

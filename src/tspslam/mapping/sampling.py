@@ -13,7 +13,7 @@ from ..topology.complex import Complex
 from ..topology.texture import sample_signals
 from ..types import BoolArray, FloatArray, Response, Rig, Signals
 from .landmarks import depth_sigmas
-from .settings import ViewSettings
+from .settings import Tangent, ViewSettings
 from .views import Rows, View, to_camera
 from .visibility import OUT_OF_VIEW, VISIBLE, face_normals, look
 
@@ -206,7 +206,7 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     places = uv[part.vertex]
     signals = sample_signals(view.image, places, part.complex_)
     response = filter_(part.complex_, places, signals)
-    centre, least = view.T_world_camera[:3, 3], float(np.cos(np.radians(settings.max_angle)))
+    centre, least = view.T_world_camera[:3, 3], _least_cosine(settings)
     one = np.ones(len(part.vertex), np.int32)
     given = (
         (part.vertex, signals.vertex, signals.vertex_ok, places, one, one),
@@ -220,11 +220,13 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
         weight = cosine * np.maximum(size, 1)  # an element without a whole pixel has a bilinear sample
         columns = rows, np.full(len(rows), k), value, weight, at, pixels
         levels.append(Sample(*(column[good] for column in columns)))
-    answer = _answer(k, view, rig, shape, part, response, least)
+    answer = _answer(k, view, rig, shape, part, response, settings)
     return Samples(*levels, answer, k * shape.complex_.n + part.vertex, response.order)
 
 
-def see_vertices(rig: Rig, T_world_camera: FloatArray, shape: Shape, settings: ViewSettings) -> tuple[FloatArray, BoolArray]:
+def see_vertices(
+    rig: Rig, T_world_camera: FloatArray, shape: Shape, settings: ViewSettings
+) -> tuple[FloatArray, BoolArray]:
     """Find which vertices a keyframe sees, and where.
 
     Parameters
@@ -292,22 +294,26 @@ def viewing_cosines(centres: FloatArray, normals: FloatArray, camera: FloatArray
 
 
 def _answer(
-    k: int, view: View, rig: Rig, shape: Shape, part: _Part, response: Response, least: float
+    k: int, view: View, rig: Rig, shape: Shape, part: _Part, response: Response, settings: ViewSettings
 ) -> Answer:
     """Responses of the vertices whose whole star is seen, from within the angle."""
     around = np.bincount(part.complex_.faces.ravel(), minlength=part.complex_.n)
     rows, camera = part.vertex, view.T_world_camera
     cosine = viewing_cosines(shape.xyz[rows], shape.normals[0][rows], camera[:3, 3])
-    good = response.defined & (around == shape.degree[rows]) & (cosine >= least)
+    good = response.defined & (around == shape.degree[rows]) & (cosine >= _least_cosine(settings))
     rows, z = rows[good], response.z[good]
-    direction = lift_phases(rig, camera, shape.xyz[rows], shape.normals[0][rows], z, response.order)
-    return Answer(rows, np.full(len(rows), k), z, cosine[good], direction)
+    frame = shape.xyz[rows], shape.normals[0][rows], Response(z, response.order, response.defined[good])
+    return Answer(rows, np.full(len(rows), k), z, cosine[good], lift_phases(rig, camera, *frame, settings.tangent))
+
+
+def _least_cosine(settings: ViewSettings) -> float:
+    return float(np.cos(np.radians(settings.max_angle)))
 
 
 def lift_phases(
-    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, normals: FloatArray, z: NDArray[np.complex128], order: int
+    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, normals: FloatArray, response: Response, tangent: Tangent
 ) -> FloatArray:
-    """Turn phases into tangents: the unit vector of each tangent plane whose projection is along the phase over m.
+    """Turn phases into unit tangents.
 
     Parameters
     ----------
@@ -319,17 +325,17 @@ def lift_phases(
         Vertices, m, before the camera.
     normals : (N, 3) float64
         Unit normals.
-    z : (N,) complex128
-        Responses.
-    order : int
-        Angular order m; for m = 0 the phase has no direction, and the u axis stands for it.
+    response : Response
+        Of the vertices; the phase over the order m is the direction in the image (m = 0 has none: u stands for it).
+    tangent : {"projection", "gradient"}
+        As `ViewSettings`.
 
     Returns
     -------
     (N, 3) float64
         In the world; 0 where the response is 0.
     """
-    theta = np.angle(z) / max(order, 1)
+    theta = response.phase / max(response.order, 1)
     along, across = np.column_stack([np.cos(theta), np.sin(theta)]), np.column_stack([-np.sin(theta), np.cos(theta)])
     x, y, depth = to_camera(xyz, T_world_camera).T
     nothing = np.zeros_like(x)
@@ -337,6 +343,10 @@ def lift_phases(
         [rig.fx + nothing, rig.skew + nothing, -(rig.fx * x + rig.skew * y) / depth],
         [nothing, rig.fy + nothing, -rig.fy * y / depth],
     ]).transpose(2, 0, 1) @ T_world_camera[:3, :3].T  # d(u, v)/dX, times depth  # fmt: skip
-    tangent = _unit(np.cross(np.einsum("nki,nk->ni", J, across), normals))  # level across, and in the plane
-    ahead = np.einsum("nki,nk,ni->n", J, along, tangent)
-    return np.where((np.abs(z) > 0)[:, None], np.copysign(1.0, ahead)[:, None] * tangent, 0.0)
+    towards = np.einsum("nki,nk->ni", J, along)
+    if tangent == "gradient":
+        lifted = _unit(towards - np.einsum("ni,ni->n", towards, normals)[:, None] * normals)
+    else:
+        level = _unit(np.cross(np.einsum("nki,nk->ni", J, across), normals))  # projects neither left nor right of it
+        lifted = np.copysign(1.0, np.einsum("ni,ni->n", towards, level))[:, None] * level
+    return np.where((response.magnitude > 0)[:, None], lifted, 0.0)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from .._checks import require
 from .._settings import Checked, setting
+
+Tangent = Literal["projection", "gradient"]
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,10 @@ class ViewSettings(Checked, what="mapping.views"):
     hidden : float
         How far behind a face a vertex is hidden, in standard deviations of its depth.
     min_shared : int
-        Elements in common, from which two keyframes' exposures are compared.
+        Faces in common, from which two keyframes' exposures are compared.
+    tangent : {"projection", "gradient"}
+        Which tangent a phase becomes: the one that projects along it, or the one along which the luminance grows most
+        if the phase is that of its gradient in the image.
 
     Raises
     ------
@@ -122,7 +128,8 @@ class ViewSettings(Checked, what="mapping.views"):
 
     max_angle: float = setting(75.0, 0, 90, unit="degrees", source="")
     hidden: float = setting(3.0, 0, 100, unit="sigmas", source="")
-    min_shared: int = setting(20, 1, 10_000, unit="elements", source="")
+    min_shared: int = setting(20, 1, 10_000, unit="faces", source="")
+    tangent: Tangent = setting("projection", unit="", source="")
 
 
 @dataclass(frozen=True)

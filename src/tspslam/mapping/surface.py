@@ -158,7 +158,9 @@ def _full(cells: _Cells, rays: Rays, settings: SurfaceSettings) -> BoolArray:
     return _far_side(one, other, crossed[one, facet] + settings.quality * bent, free, full)
 
 
-def _far_side(one: Rows, other: Rows, capacity: FloatArray, free: FloatArray, full: FloatArray) -> BoolArray:
+def _far_side(
+    one: Rows, other: NDArray[np.int32], capacity: FloatArray, free: FloatArray, full: FloatArray
+) -> BoolArray:
     """Which nodes a minimum cut leaves on the side of the sink."""
     from scipy.sparse import csr_matrix  # which maximum_flow takes in every version; arrays only in newer ones
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,8 @@ class Sightings(NamedTuple):
         -------
         Sightings
         """
-        return Sightings(*(column[rows] for column in self))
+        columns: tuple[Any, ...] = self
+        return Sightings(*(column[rows] for column in columns))
 
     def split(self, count: int) -> list[Sightings]:
         """Return the rows of each keyframe; they must stand in the order of keyframes.
@@ -80,7 +82,7 @@ class Sightings(NamedTuple):
         list of Sightings
         """
         ends = np.searchsorted(self.keyframe, np.arange(count + 1))
-        return [self.take(slice(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [self.take(slice(a, b)) for a, b in pairwise(ends)]
 
 
 NOTHING = Sightings(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), np.empty(0))
