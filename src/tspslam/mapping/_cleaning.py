@@ -40,7 +40,7 @@ def limit_edges(faces, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def largest_fans(faces, n):  # type: ignore[no-untyped-def]
-    """Whether each face belongs to the largest fan of each of its vertices; of equal ones, to that of the first face."""
+    """Whether each face is in the largest fan of each of its vertices; of equal ones, in that of the first face."""
     count = faces.shape[0]
     start = np.zeros(n + 1, np.int64)
     for f in range(count):

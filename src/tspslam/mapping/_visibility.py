@@ -94,7 +94,7 @@ def count_front(owner, front, counts):  # type: ignore[no-untyped-def]
 
 @kernel
 def hide(points, faces, owner, margin, rows, hidden_by):  # type: ignore[no-untyped-def]
-    """Face that hides each vertex of `rows`: nearer than it by more than `margin` (n,) m; -1 if none, -2 out of view."""
+    """Face that hides each vertex of `rows`, nearer by more than `margin` m; -1 if none does, -2 out of view."""
     height, width = owner.shape
     e0, e1, e2 = np.empty(3), np.empty(3), np.empty(3)
     for r in range(rows.shape[0]):

@@ -23,8 +23,8 @@ class Mean(NamedTuple):
     ----------
     value, variance : (n,) float64
         Weighted mean and variance; 0 without a view.
-    count : (n,) int32
-        Views.
+    views : (n,) int32
+        How many.
     uv : (n, 2) float64
         Barycentre in the best view, px.
     pixels : (n,) int32
@@ -33,7 +33,7 @@ class Mean(NamedTuple):
 
     value: FloatArray
     variance: FloatArray
-    count: NDArray[np.int32]
+    views: NDArray[np.int32]
     uv: FloatArray
     pixels: NDArray[np.int32]
 
@@ -84,7 +84,7 @@ def estimate_gains(faces: Sample, keyframes: int, settings: ViewSettings) -> Flo
 def _compare_exposures(
     faces: Sample, keyframes: int, settings: ViewSettings
 ) -> tuple[Rows, Rows, FloatArray, FloatArray]:
-    """Pairs of keyframes, by how much the log of the gain of the first exceeds that of the second, and of how many faces."""
+    """Pairs of keyframes, by how much the log of the first gain exceeds that of the second, and of how many faces."""
     order = np.lexsort((faces.keyframe, faces.element))
     order = order[faces.value[order] > _DARKEST]
     element, keyframe, logs = faces.element[order], faces.keyframe[order], np.log(faces.value[order])

@@ -101,12 +101,12 @@ def _average_all(
     vertex, edge, face = (average(sample, gain, size) for sample, size in given)
     signals = Signals(
         vertex.value, edge.value, face.value, edge.uv, face.uv, edge.pixels, face.pixels,
-        vertex.count > 0, edge.count > 0, face.count > 0,
+        vertex.views > 0, edge.views > 0, face.views > 0,
     )  # fmt: skip
     response, direction, spread, count = average_answers(samples.answer, shape.normals[0], samples.order)
     return TopologicalMap(
         xyz=shape.xyz, covariance=shape.covariance, surface=Surface(shape.faces), complex_=shape.complex_,
-        signals=signals, view_count=Levels(vertex.count, edge.count, face.count),
+        signals=signals, view_count=Levels(vertex.views, edge.views, face.views),
         view_variance=Levels(vertex.variance, edge.variance, face.variance), response=response,
         direction=direction, direction_spread=spread, direction_count=count, landmark_id=landmarks.id,
         observations=_observations(landmarks.seen, shape, samples.seen, T, settings), keyframes=keyframes,

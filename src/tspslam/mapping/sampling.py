@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,10 +218,11 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
         cosine = viewing_cosines(centres[rows], normals[rows], centre)
         good = ok & (cosine >= least)
         weight = cosine * np.maximum(size, 1)  # an element without a whole pixel has a bilinear sample
-        columns = rows, np.full(len(rows), k), value, weight, at, pixels
+        columns: tuple[Any, ...] = rows, np.full(len(rows), k), value, weight, at, pixels
         levels.append(Sample(*(column[good] for column in columns)))
     answer = _answer(k, view, rig, shape, part, response, settings)
-    return Samples(*levels, answer, k * shape.complex_.n + part.vertex, response.order)
+    vertex, edge, face = levels
+    return Samples(vertex, edge, face, answer, k * shape.complex_.n + part.vertex, response.order)
 
 
 def see_vertices(
