@@ -95,6 +95,8 @@ class Session:
     odometry : Odometry, optional
         What tells where each pair was taken, if not the two images: wheels, say. Runs write checkpoints of the stereo
         odometry alone.
+    keep : bool
+        Whether keyframes are kept, with their images: `tspslam.build_map` makes the map of them.
 
     Attributes
     ----------
@@ -102,6 +104,8 @@ class Session:
         As given.
     odometry : Odometry
         The map and the path so far.
+    keyframes : dict of int to Frame
+        Those that are kept, by how many pairs were processed before; of those that the odometry's map rests on.
 
     Examples
     --------
@@ -114,12 +118,16 @@ class Session:
     (True, 1)
     """
 
-    def __init__(self, rig: Rig, settings: Settings | None = None, *, odometry: Odometry | None = None) -> None:
+    def __init__(
+        self, rig: Rig, settings: Settings | None = None, *, odometry: Odometry | None = None, keep: bool = True
+    ) -> None:
         require_baseline(rig, "session")
         self.rig = rig
         self.settings = settings or Settings()
         require(self.settings, Settings, "settings")
         self.odometry = _stereo_odometry(rig, self.settings) if odometry is None else _require_odometry(odometry)
+        self.keyframes: dict[int, Frame] = {}
+        self._keeps, self._count = keep, 0
         self._worker = Worker()
         self._busy: Future[Any] | None = None
         self._is_closed = False
@@ -169,14 +177,24 @@ class Session:
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
-        pair = _keep(pair)
+        pair = _own(pair)
         tracked = self.odometry.process(pair)
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(pair, tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
             self._wait()  # so that no more than one frame waits
             self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
+        if frame.is_keyframe and self._keeps:
+            self._keep(frame)
+        self._count += 1
         return frame
+
+    def _keep(self, frame: Frame) -> None:
+        """Keep a keyframe, and let go of those that the map rests on no more."""
+        self.keyframes[self._count] = frame
+        if isinstance(self.odometry, StereoOdometry):
+            used = {keyframe.index for keyframe in self.odometry.map.keyframes}
+            self.keyframes = {number: kept for number, kept in self.keyframes.items() if number in used}
 
     def finish(self) -> Trajectory:
         """Adjust all keyframes together, and return the path: from here on it is final.
@@ -210,7 +228,7 @@ class Session:
             wait([self._busy])
 
 
-def _keep(pair: StereoPair) -> StereoPair:
+def _own(pair: StereoPair) -> StereoPair:
     """The pair with images of its own, where a camera may write the next ones into these."""
     images = {name: getattr(pair, name) for name in ("left", "right", "disparity")}
     return replace(pair, **{n: image.copy() for n, image in images.items() if _may_change(image)})

@@ -13,6 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from ._checks import require, require_stage
 from ._settings import YAML_WORDS, describe_range, describe_type, hints_of, read_meanings, setting
 from .errors import InputError
+from .mapping.settings import Mapping
 from .topology.complex import Complex
 from .topology.crust import Crust
 from .topology.harmonic import Tmahf
@@ -40,8 +41,10 @@ KINDS: dict[str, dict[str, type]] = {
     "tracking": {"stereo": Tracking},
     "surface": {"delaunay": DelaunaySurface, "crust": Crust},
     "filter": {"tmahf": Tmahf},
+    "mapping": {"topological": Mapping},
 }
 """What each stage can be, by the name that its setting ``kind`` has; the first is the default."""
+_PLAIN = {"tracking": Tracking, "mapping": Mapping}  # stages that are values alone, not called
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ class Settings:
         Joins the points to triangles.
     filter : callable, (Complex, uv, Signals) -> Response
         Answers at each vertex.
+    mapping : Mapping
+        How keyframes become one map.
 
     Examples
     --------
@@ -78,15 +83,16 @@ class Settings:
         DelaunaySurface(), source="Crust falls to pieces on open sheets: docs/paper"
     )
     filter: Callable[[Complex, FloatArray, Signals], Response] = setting(Tmahf(), source="the paper's")
+    mapping: Mapping = setting(Mapping(), source="the only one")
 
     def __post_init__(self) -> None:
         """Refuse the name of a stage, or its class, where an object goes that can be called."""
         for name, kinds in KINDS.items():
-            if name != "tracking":
+            if name not in _PLAIN:
                 such = next(iter(kinds.values())).__name__
                 require_stage(getattr(self, name), f"settings: {name}", f"{such}()")
-        if not isinstance(self.tracking, tuple(KINDS["tracking"].values())):
-            require(self.tracking, Tracking, "settings: tracking")
+        for name, kind in _PLAIN.items():
+            require(getattr(self, name), kind, f"settings: {name}")
 
 
 PRESETS: dict[str, Settings] = {

@@ -83,13 +83,36 @@ def draw(points, faces, buffer, owner):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def count_front(owner, front, counts):  # type: ignore[no-untyped-def]
-    """Add to `counts` the pixels that show a face whose front the camera sees."""
-    for row in range(owner.shape[0]):
-        for column in range(owner.shape[1]):
+def count_front(points, faces, owner, front, counts):  # type: ignore[no-untyped-def]
+    """Add to `counts` the pixels that show a face whose front the camera sees.
+
+    A face narrower than a pixel may have no pixel centre: it counts once where its middle's pixel shows nothing, or a
+    face that shares a corner with it.
+    """
+    height, width = owner.shape
+    for row in range(height):
+        for column in range(width):
             f = owner[row, column]
             if f >= 0 and front[f]:
                 counts[f] += 1
+    for f in range(faces.shape[0]):
+        if counts[f] > 0 or not front[f]:
+            continue
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        if not (a[2] > NEAREST and b[2] > NEAREST and c[2] > NEAREST):
+            continue
+        ua, va, ub, vb = a[0] / a[2], a[1] / a[2], b[0] / b[2], b[1] / b[2]
+        uc, vc = c[0] / c[2], c[1] / c[2]
+        u, v = (ua + ub + uc) / 3.0, (va + vb + vc) / 3.0
+        area = abs((ub - ua) * (vc - va) - (vb - va) * (uc - ua))  # twice that of the face
+        longest = max(np.hypot(ub - ua, vb - va), np.hypot(uc - ub, vc - vb), np.hypot(ua - uc, va - vc))
+        if area >= max(longest, 2.0) or not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
+            continue
+        g = owner[int(v + 0.5), int(u + 0.5)]
+        for k in range(3):
+            corner = faces[f, k]
+            if g < 0 or faces[g, 0] == corner or faces[g, 1] == corner or faces[g, 2] == corner:
+                counts[f] = 1
 
 
 @kernel

@@ -63,7 +63,8 @@ def make_map(
     landmarks = landmarks.keep(is_used)
     shape = frame_shape(build_complex(faces, len(landmarks.id)), faces, landmarks.xyz, covariance[is_used])
     samples = sample_views(views, rig, shape, filter_, settings.views)
-    return _average_all(landmarks, shape, samples, T, snapshot.keyframe, rig, settings.views)
+    numbers = np.array([view.number for view in views], np.int64)
+    return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
 
 
 def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: Mapping) -> Landmarks:

@@ -56,7 +56,7 @@ class Sight(NamedTuple):
         return found
 
     def count_pixels(self, is_front: BoolArray, counts: NDArray[np.int64]) -> None:
-        """Add to `counts` how many pixels show each face from its front.
+        """Add to `counts` how many pixels show each face from its front; one for a face between pixels that shows.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Sight(NamedTuple):
         """
         from . import _visibility
 
-        _visibility.count_front(self.owner, is_front, counts)
+        _visibility.count_front(self.points, self.faces, self.owner, is_front, counts)
 
 
 def look(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, faces: NDArray[np.int32], step: int = STEP) -> Sight:

@@ -1,67 +1,211 @@
-"""Frames of one path laid into one world."""
+"""The one map of a session or of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import fields, replace
+from collections.abc import Callable, Mapping as Named
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from .._checks import require, told
+from .._files import PathLike, bad_input
+from ..errors import InputError
 from ..frame import Frame
-from ..topology.complex import build_complex
-from ..types import Cloud, FloatArray, Response, Signals, Surface
+from ..io import RunFolder, read_frame
+from ..io.frames import read_frame_image
+from ..io.landmarks import read_landmarks
+from ..mapping.build import make_map, map_of_frame
+from ..mapping.settings import Mapping
+from ..mapping.views import View
+from ..session import Session
+from ..settings import Settings
+from ..topological_map import TopologicalMap
+from ..types import BoolArray, FloatArray, Image, Rig
+from ..vision.slam.map import MapSnapshot
+from ..vision.slam.odometry import StereoOdometry
+from .config import resolve
 
 
-def merge_frames(frames: Iterable[Frame], T_world_camera: FloatArray) -> Frame:
-    """One frame of all the vertices, edges and faces of several: a disjoint union, in the world's axes.
+class Keyframes(NamedTuple):
+    """What a map is made of.
+
+    Attributes
+    ----------
+    snapshot : MapSnapshot
+        Landmarks; its keyframes go by any numbers.
+    rig : Rig
+        The cameras, with the offset of the disparities that the path found.
+    index : dict of int to int
+        Index of the frame of each keyframe that is there, by its number.
+    image_of : callable, int -> image
+        Left image of a keyframe.
+    frame_of : callable, int -> Frame
+        A keyframe.
+    """
+
+    snapshot: MapSnapshot
+    rig: Rig
+    index: Named[int, int]
+    image_of: Callable[[int], Image]
+    frame_of: Callable[[int], Frame]
+
+
+def build_map(source: Session | PathLike, mapping: Mapping | None = None) -> TopologicalMap:
+    """Make one topological map of all keyframes: of a session so far, or of a finished run.
 
     Parameters
     ----------
-    frames : iterable of Frame
-        At least one, read from files; index, stamp, name and rig are those of the first.
-    T_world_camera : (K, 4, 4) float64
-        Their poses.
+    source : Session, str or path
+        A session, which may go on afterwards, or a run folder.
+    mapping : Mapping, optional
+        How; as in the source's settings by default.
 
     Returns
     -------
-    Frame
-        Its edges and faces stand in the order of the frames.
+    TopologicalMap
+        Of a single keyframe, its own complex, signals and response.
+
+    Raises
+    ------
+    InputError
+        If the source is neither, has no keyframes or has not kept them, or a file of the run is missing or damaged.
+    GeometryError
+        If the landmarks of several keyframes span no surface.
+
+    Examples
+    --------
+    >>> from tspslam.datasets import synthetic
+    >>> sequence = synthetic.SyntheticSequence(synthetic.corridor(2.0))
+    >>> with Session(sequence.rig) as session:
+    ...     for pair in sequence:
+    ...         _ = session.process(pair)
+    ...     made = build_map(session)
+    >>> len(made) == len(made.landmark_id), bool((made.view_count.face > 1).any())
+    (True, True)
     """
-    parts = [_moved(frame, T) for frame, T in zip(frames, T_world_camera, strict=True)]
-    if len(parts) == 1:
-        return parts[0]
-    starts = np.cumsum([0, *(len(part.cloud) for part in parts)])
-    faces = np.concatenate([part.surface.faces + start for part, start in zip(parts, starts, strict=False)])
-    complex_ = build_complex(faces.astype(np.int32), int(starts[-1]))
-    columns = {
-        each.name: np.concatenate([getattr(part.signals, each.name) for part in parts]) for each in fields(Signals)
-    }
-    response = Response(
-        np.concatenate([part.response.z for part in parts]),
-        parts[0].response.order,
-        np.concatenate([part.response.defined for part in parts]),
-    )
-    first, cloud = parts[0], _joined([part.cloud for part in parts])
-    known = [part.landmark for part in parts if part.landmark is not None]
-    return Frame(
-        first.index, first.stamp, first.name, first.rig, cloud, Surface(faces.astype(np.int32)), complex_,
-        Signals(**columns), response, landmark=np.concatenate(known) if len(known) == len(parts) else None,
+    if mapping is not None:
+        require(mapping, Mapping, "mapping")
+    if isinstance(source, Session):
+        return join_keyframes(_kept(source), source.settings, mapping)
+    if not isinstance(source, str | Path):
+        raise InputError(f"source is {told(source)}, expected a Session or the path of a run folder")
+    folder = RunFolder.open(source)
+    settings = resolve(file=folder.path / "config.yaml").settings
+    return join_keyframes(stored_keyframes(folder), settings, mapping)
+
+
+def join_keyframes(given: Keyframes, settings: Settings, mapping: Mapping | None = None) -> TopologicalMap:
+    """Make the map of keyframes.
+
+    Parameters
+    ----------
+    given : Keyframes
+        At least one.
+    settings : Settings
+        The filter, and how the map is made.
+    mapping : Mapping, optional
+        How the map is made, if otherwise.
+
+    Returns
+    -------
+    TopologicalMap
+    """
+    snapshot = _restrict(given.snapshot, np.isin(given.snapshot.keyframe, list(given.index)))
+    numbers, poses = snapshot.keyframe.tolist(), snapshot.T_world_camera
+    if len(numbers) == 1:
+        return map_of_frame(given.frame_of(numbers[0]), given.rig, poses[0])
+    placed = zip(numbers, poses, strict=True)
+    views = [View(given.index[number], T, given.image_of(number)) for number, T in placed]
+    return make_map(views, snapshot, given.rig, settings.filter, mapping or settings.mapping)
+
+
+def _restrict(snapshot: MapSnapshot, is_kept: BoolArray) -> MapSnapshot:
+    """A snapshot without some keyframes and what they saw."""
+    counts = np.diff(snapshot.start)
+    rows = np.repeat(is_kept, counts)
+    return replace(
+        snapshot, keyframe=snapshot.keyframe[is_kept], T_world_camera=snapshot.T_world_camera[is_kept],
+        start=np.cumsum([0, *counts[is_kept]]), observed_id=snapshot.observed_id[rows], uv=snapshot.uv[rows],
+        disparity=snapshot.disparity[rows],
     )  # fmt: skip
 
 
-def _moved(frame: Frame, T: FloatArray) -> Frame:
-    """A frame whose points are in the world."""
-    cloud, R = frame.cloud, T[:3, :3]
-    covariance = None if cloud.covariance is None else R @ cloud.covariance @ R.T
-    moved = replace(cloud, xyz=cloud.xyz @ R.T + T[:3, 3], covariance=covariance)
-    return replace(frame, cloud=moved, T_world_camera=np.eye(4))
+def _kept(session: Session) -> Keyframes:
+    """What a session has kept."""
+    frames, odometry = session.keyframes, session.odometry
+    if not frames:
+        raise InputError("session: has kept no keyframe, expected keep=True and a pair that was processed")
+    if isinstance(odometry, StereoOdometry):
+        snapshot, rig = odometry.map.snapshot(), odometry.map.rig
+    else:
+        poses = session.trajectory.T_world_camera
+        snapshot, rig = snapshot_of(frames, {number: poses[number] for number in frames}), session.rig
+    index = {number: frame.index for number, frame in frames.items()}
+    return Keyframes(snapshot, rig, index, lambda number: _image(frames[number]), frames.__getitem__)
 
 
-def _joined(clouds: list[Cloud]) -> Cloud:
-    covariances = [cloud.covariance for cloud in clouds if cloud.covariance is not None]
-    return Cloud(
-        np.concatenate([cloud.xyz for cloud in clouds]),
-        np.concatenate([cloud.uv for cloud in clouds]),
-        np.concatenate([cloud.disparity for cloud in clouds]),
-        np.concatenate(covariances) if len(covariances) == len(clouds) else None,
-    )
+def _image(frame: Frame) -> Image:
+    if frame.image is None:
+        raise InputError(f"{frame.name}: has no image, expected a keyframe with one")
+    return frame.image
+
+
+def stored_keyframes(folder: RunFolder) -> Keyframes:
+    """Find what a run folder has of its keyframes.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of a run that is finished, or is about to be.
+
+    Returns
+    -------
+    Keyframes
+        Numbers are those of the frames.
+
+    Raises
+    ------
+    InputError
+        If it has no landmarks.
+    """
+    path = folder.landmarks_path
+    if not path.exists():
+        raise bad_input(path, "is not there", "that of a run of this version: tspslam run SOURCE --out NEW makes one")
+    folder.check_unchanged(path)
+    snapshot, rig = read_landmarks(path)
+    stored = set(folder.stored_frames)
+    return Keyframes(
+        snapshot, rig, {number: number for number in snapshot.keyframe.tolist() if number in stored},
+        lambda number: read_frame_image(folder.frame_path(number)),
+        lambda number: read_frame(folder.frame_path(number)),
+    )  # fmt: skip
+
+
+def snapshot_of(frames: Named[int, Frame], poses: Named[int, FloatArray]) -> MapSnapshot:
+    """Make landmarks of all points of keyframes whose odometry has none.
+
+    Parameters
+    ----------
+    frames : dict of int to Frame
+        At least one, in order.
+    poses : dict of int to (4, 4) float64
+        Theirs, by the same numbers.
+
+    Returns
+    -------
+    MapSnapshot
+        Each point is seen by its own keyframe alone.
+    """
+    clouds = [frame.cloud for frame in frames.values()]
+    T = np.array([poses[number] for number in frames])
+    start = np.cumsum([0, *(len(cloud) for cloud in clouds)])
+    ids = np.arange(start[-1])
+    return MapSnapshot(
+        landmark_id=ids,
+        xyz=np.concatenate([cloud.xyz @ pose[:3, :3].T + pose[:3, 3] for cloud, pose in zip(clouds, T, strict=True)]),
+        keyframe=np.array(list(frames), np.int64), T_world_camera=T, start=start, observed_id=ids,
+        uv=np.concatenate([cloud.uv for cloud in clouds]),
+        disparity=np.concatenate([cloud.disparity for cloud in clouds]), merged=np.empty((0, 2), np.int64),
+    )  # fmt: skip

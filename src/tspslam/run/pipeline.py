@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from ..datasets import open_sequence
-from ..errors import InputError
+from .._stopwatch import Stopwatch
+from ..errors import GeometryError, InputError
 from ..frame import Frame
-from ..io import RunFolder, read_frame
+from ..io import RunFolder, read_frame, write_map
 from ..io.maps import write_maps
 from ..session import Session, Settings
+from ..topological_map import TopologicalMap
 from ..types import FloatArray, Rig, StereoPair
 from .config import Resolved, as_resolved
+from .map import join_keyframes, stored_keyframes
 from .record import hash_of, machine
-from .sequence import STATE_NAME, OnFrame, SequenceRun, merge_stored_frames
+from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
-from .summary import summarize_run
+from .summary import Warning_, describe_map, doubts_of_map, summarize_run
 
+MAP = "map"
+"""What ``timings.json`` calls the making of the map."""
 Progress = Callable[[int, int, str], None]
 
 
@@ -112,7 +117,7 @@ def run(
     chosen = None if frames is None else [frames.start, frames.stop, frames.step]
     settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
     with RunFolder.create(out, settings) as folder:
-        sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings), folder)
+        sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings, keep=False), folder)
         try:
             record = _process_all(sequence, progress, on_frame)
         finally:
@@ -192,23 +197,48 @@ def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnF
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    _write_all(sequence, record)
+    return _write_all(sequence, record)
+
+
+def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, Any]:
+    """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
+    folder = sequence.folder
+    frames = [f"frames/{folder.frame_path(row.index).name}" for row in sequence.stored]
+    key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
+    if _is_finished(folder, key):
+        record = folder.read_run()
+    else:
+        record = _write_results(sequence, record, key)
+    results = [name for name, unit in folder.units.items() if unit.input == key]
+    folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
     return record
 
 
-def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> None:
-    """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
-    folder, trajectory = sequence.folder, sequence.trajectory
-    places = [folder.frame_path(row.index) for row in sequence.stored]
-    frames = [f"frames/{path.name}" for path in places]
-    key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
-    if not _is_finished(folder, key):
-        image = sequence.source[sequence.stored[0].index].left
-        paths = folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
-        shown, whole = replace(read_frame(places[0]), image=image), merge_stored_frames(sequence)
-        write_results(folder, paths, shown, record, key, whole=whole, poses=trajectory.T_world_camera)
-    results = [name for name, unit in folder.units.items() if unit.input == key]
-    folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
+def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> dict[str, Any]:
+    """All that is made once the path is final; returns the record with what is said of the map."""
+    folder, trajectory, watch = sequence.folder, sequence.trajectory, Stopwatch()
+    paths = [note_landmarks(sequence)]
+    folder.record(paths[0], input_hash=key)
+    made, warnings = _make_map(folder, sequence.session.settings, record["landmarks"])
+    if made is not None:
+        write_map(folder.map_npz_path, made)
+        paths.append(folder.map_npz_path)
+    watch.lap("map")
+    sequence.seconds[MAP] = watch.seconds
+    record = describe_map(record, made, warnings)
+    paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
+    shown = read_frame(folder.frame_path(sequence.stored[0].index))
+    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera)
+    return record
+
+
+def _make_map(folder: RunFolder, settings: Settings, landmarks: int) -> tuple[TopologicalMap | None, list[Warning_]]:
+    """The map of the stored keyframes, if they span one; and what is to be said."""
+    try:
+        made = join_keyframes(stored_keyframes(folder), settings)
+    except GeometryError as error:
+        return None, [{"code": "map", "message": f"there is no map of all keyframes ({error})"}]
+    return made, list(doubts_of_map(made, landmarks)) if len(made.keyframes) > 1 else []
 
 
 def _is_finished(folder: RunFolder, key: str) -> bool:
@@ -218,7 +248,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
 
 def write_results(
     folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
-    *, whole: Frame | None = None, poses: FloatArray | None = None,
+    *, made: TopologicalMap | None = None, poses: FloatArray | None = None,
 ) -> None:  # fmt: skip
     """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`.
 
@@ -234,20 +264,21 @@ def write_results(
         Content of ``run.json``.
     key : str
         Hash of what all of it was made from.
-    whole : Frame, optional
-        What the maps are of; `frame` by default.
+    made : TopologicalMap, optional
+        The map; where there is none, or it is of one keyframe, `frame` is shown as the map.
     poses : (T, 4, 4) float64, optional
         The path; of several, there is a picture too.
     """
-    from ..view import pictures, report, write_plan_picture
+    from ..view import pictures, report, write_map_pictures, write_plan_picture
 
-    whole = frame if whole is None else whole
-    write_maps(folder.map_vtu_path, folder.map_ply_path, whole)
+    whole = None if made is None or len(made.keyframes) < 2 else made
+    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if whole is None else whole)
     drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
-        write_plan_picture(poses[:, :3, 3], whole.cloud.xyz, drawn[0])
+        write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
+    drawn += [] if whole is None else write_map_pictures(whole, folder.path / "pictures")
     run_path = folder.write_run(record)
-    report.write_report(frame, record, drawn, folder.report_path)
+    report.write_report(frame, record, drawn, folder.report_path, map_=whole)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)

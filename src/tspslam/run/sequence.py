@@ -20,13 +20,14 @@ from .._threads import Worker
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_bytes, write_frame
+from ..io.landmarks import write_landmarks
 from ..session import Session
 from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import pack, unpack
-from .map import merge_frames
+from .map import snapshot_of
 from .record import (
     ComplexRecord,
     FrameRecord,
@@ -234,7 +235,7 @@ class SequenceRun:
         for index, row in zip(self.wanted, rows, strict=False):
             self._check_as_before(index, row)
         places = [row.index for row in rows if isinstance(row, FrameRecord)]
-        session = Session(self.source.rig, self.session.settings)
+        session = Session(self.source.rig, self.session.settings, keep=False)
         odometry = session.odometry
         assert isinstance(odometry, StereoOdometry)
         odometry.restore(state, lambda number: self._image(places[number]))
@@ -273,8 +274,8 @@ def _text(row: FrameRecord) -> bytes:
     return (json.dumps(flatten_row(row), indent=1, allow_nan=False) + "\n").encode()
 
 
-def merge_stored_frames(sequence: SequenceRun) -> Frame:
-    """Lay all stored frames into the world, as one complex.
+def note_landmarks(sequence: SequenceRun) -> Path:
+    """Write what the map is made of besides the keyframes: landmarks, with frames by their indices.
 
     Parameters
     ----------
@@ -283,13 +284,21 @@ def merge_stored_frames(sequence: SequenceRun) -> Frame:
 
     Returns
     -------
-    Frame
-        With places as the whole run has refined them.
+    path
+        The file; it is not in the manifest yet.
     """
-    path = sequence.session.trajectory.T_world_camera
-    placed = [(row, T) for row, T in zip(sequence.tracked, path, strict=True) if row.complex_ is not None]
-    frames = (read_frame(sequence.folder.frame_path(row.index)) for row, _ in placed)
-    return merge_frames(frames, np.array([T for _, T in placed]))
+    odometry, folder = sequence.session.odometry, sequence.folder
+    if isinstance(odometry, StereoOdometry):
+        indices = np.array([row.index for row in sequence.tracked], np.int64)
+        snapshot, rig = odometry.map.snapshot(), odometry.map.rig
+        snapshot = replace(snapshot, keyframe=indices[snapshot.keyframe])
+    else:
+        path = zip(sequence.tracked, sequence.session.trajectory.T_world_camera, strict=True)
+        poses = {row.index: T for row, T in path if row.is_keyframe and row.complex_ is not None}
+        frames = {index: read_frame(folder.frame_path(index)) for index in poses}
+        snapshot, rig = snapshot_of(frames, poses), sequence.session.rig
+    write_landmarks(folder.landmarks_path, snapshot, rig)
+    return folder.landmarks_path
 
 
 def _sizes(complex_: Complex) -> tuple[int, int, int]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..session import Session
+from ..topological_map import TopologicalMap
 from ..types import Rig
 from ..vision.rig import doubts
 from ..vision.slam.odometry import StereoOdometry
@@ -23,6 +24,8 @@ Warning_ = dict[str, str]
 # frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
 # 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
 _FEW = 0.08
+_PART = 0.05  # of the vertices; smaller parts are what stands apart in every street: signs, poles, tree tops
+_THIN = 0.2  # of the landmarks; of seven recordings and worlds the thinnest has 0.5
 _AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
 
@@ -74,6 +77,64 @@ def summarize_run(
         "input_hash": hash_of([row.input_hash for row in rows]),
         "settings_hash": settings_hash,
     }
+
+
+def describe_map(record: dict[str, Any], made: TopologicalMap | None, warnings: Sequence[Warning_]) -> dict[str, Any]:
+    """What ``run.json`` says once the map is made: its sizes, and what is to be doubted.
+
+    Parameters
+    ----------
+    record : dict
+        As `summarize_run` gave it.
+    made : TopologicalMap or None
+        The map; None where the keyframes span none, and the run is degraded.
+    warnings : sequence of dict
+        Further warnings.
+
+    Returns
+    -------
+    dict
+        Plain values, fit for JSON.
+    """
+    both = [*record["warnings"], *warnings]
+    if made is None:
+        return record | {"status": "degraded", "warnings": both}
+    complex_, sightings = made.complex_, np.diff(made.observations.start)
+    sizes = {"n": complex_.n, "edges": len(complex_.edges), "faces": len(complex_.faces), "euler": complex_.euler}
+    told = {
+        "keyframes": len(made.keyframes),
+        "parts": int(made.part.max()) + 1,
+        "observations": len(made.observations),
+        "three_or_more": int((sightings >= 3).sum()),
+        "faces_seen": int(made.signals.face_ok.sum()),
+        "defined": int(made.defined.sum()),
+    }
+    return record | {"complex": sizes, "map": told, "warnings": both}
+
+
+def doubts_of_map(made: TopologicalMap, landmarks: int) -> Iterator[Warning_]:
+    """What is to be doubted of a map of several keyframes.
+
+    Parameters
+    ----------
+    made : TopologicalMap
+        The map.
+    landmarks : int
+        Landmarks of the path; 0 where it has none.
+
+    Yields
+    ------
+    dict of str to str
+        A ``code`` and a ``message``.
+    """
+    sizes = np.bincount(made.part)
+    large = sizes[sizes >= _PART * len(made)]
+    if len(large) > 1:
+        said = ", ".join(map(str, large[:3]))
+        yield {"code": "map_parts", "message": f"the map is in {len(large)} large parts that no face joins: {said} vertices"}
+    if len(made) < _THIN * landmarks:
+        message = f"the map has {len(made)} vertices for {landmarks} landmarks: few of these are seen by two keyframes"
+        yield {"code": "thin_map", "message": message}
 
 
 def _stereo_odometry(session: Session) -> StereoOdometry | None:
