@@ -13,7 +13,7 @@ from ..topology.complex import build_complex
 from ..types import FloatArray, Rig, Signals, Surface
 from ..vision.slam.map import MapSnapshot
 from .averaging import average, average_answers, estimate_gains
-from .landmarks import Landmarks, covariances, join_observations, place_landmarks
+from .landmarks import Landmarks, join_observations, measure_covariances, place_landmarks
 from .sampling import Filter, Samples, Shape, frame_shape, lift_phases, sample_views, viewing_cosines
 from .searching import find_again
 from .settings import Mapping, ViewSettings
@@ -53,7 +53,7 @@ def make_map(
     """
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
-    covariance = covariances(rig, T, landmarks, settings.observations)
+    landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observations)
     rays = make_rays(T, landmarks, covariance)
     faces = cut_surface(rig, T, landmarks.xyz, rays, settings.surface, settings.views)
     is_used = np.zeros(len(landmarks.id), np.bool_)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import GeometryError
 from ..types import FloatArray, Rig
 from ..vision.slam.bundle import Observations, adjust
 from .settings import ObservationSettings
@@ -147,10 +148,10 @@ def place_landmarks(
     return Landmarks(id_, xyz, seen).keep(count >= _LEAST)
 
 
-def covariances(
+def measure_covariances(
     rig: Rig, T_world_camera: FloatArray, landmarks: Landmarks, settings: ObservationSettings
-) -> FloatArray:
-    """Covariance of each landmark, the keyframes held: inverse of the information of all its observations.
+) -> tuple[Landmarks, FloatArray]:
+    """Find the covariance of each landmark, the keyframes held, and drop those whose place is hardly known.
 
     Parameters
     ----------
@@ -159,14 +160,21 @@ def covariances(
     T_world_camera : (K, 4, 4) float64
         Poses of the keyframes.
     landmarks : Landmarks
-        N landmarks.
+        And all their observations.
     settings : ObservationSettings
-        Standard deviations.
+        Standard deviations, and what a place needs.
 
     Returns
     -------
-    (N, 3, 3) float64
-        m².
+    landmarks : Landmarks
+        N that have a place.
+    covariance : (N, 3, 3) float64
+        Inverse of the information of all their observations, m².
+
+    Raises
+    ------
+    GeometryError
+        If there is none.
     """
     seen, n = landmarks.seen, len(landmarks.xyz)
     T, points = T_world_camera[seen.keyframe], landmarks.xyz[seen.landmark]
@@ -181,7 +189,14 @@ def covariances(
     J = J @ T[:, :3, :3].transpose(0, 2, 1)
     products = np.einsum("oki,okj->oij", J, J).reshape(-1, 9)
     information = np.stack([np.bincount(seen.landmark, column, minlength=n) for column in products.T], axis=1)
-    return np.linalg.inv(information.reshape(n, 3, 3))
+    information, depth = information.reshape(n, 3, 3), np.full(n, np.inf)
+    np.minimum.at(depth, seen.landmark, z)
+    is_known = (
+        np.linalg.eigvalsh(information)[:, 0] * (settings.max_sigma * depth) ** 2 >= 1 if n else np.empty(0, bool)
+    )
+    if not is_known.any():
+        raise GeometryError(f"map: {n} landmarks are seen by two keyframes or more, none with a depth; expected some")
+    return landmarks.keep(is_known), np.linalg.inv(information[is_known])
 
 
 def depth_sigmas(covariance: FloatArray, rows: Rows, directions: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from .settings import Tangent, ViewSettings
 from .views import Rows, View, to_camera
 from .visibility import OUT_OF_VIEW, VISIBLE, face_normals, look
 
+_FAINTEST = 1e-9  # luminance: below it the response of a constant is rounding
 Filter = Callable[[Complex, FloatArray, Signals], Response]
 
 
@@ -350,4 +351,4 @@ def lift_phases(
     else:
         level = _unit(np.cross(np.einsum("nki,nk->ni", J, across), normals))  # projects neither left nor right of it
         lifted = np.copysign(1.0, np.einsum("ni,ni->n", towards, level))[:, None] * level
-    return np.where((response.magnitude > 0)[:, None], lifted, 0.0)
+    return np.where((response.magnitude > _FAINTEST)[:, None], lifted, 0.0)

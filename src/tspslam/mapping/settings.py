@@ -39,6 +39,8 @@ class ObservationSettings(Checked, what="mapping.observations"):
         Standard deviation of a disparity.
     outlier : float
         Length of a residual from which an observation is dropped.
+    max_sigma : float
+        Largest standard deviation of a landmark in any direction; less certain ones are no vertices.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class ObservationSettings(Checked, what="mapping.observations"):
     sigma_uv: float = setting(1.0, 0.01, 10, unit="px", source="")
     sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="")
     outlier: float = setting(5.0, 1, 100, unit="sigmas", source="")
+    max_sigma: float = setting(0.3, 0.001, 10, unit="m per m of depth", source="")
 
 
 @dataclass(frozen=True)

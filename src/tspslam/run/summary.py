@@ -131,7 +131,10 @@ def doubts_of_map(made: TopologicalMap, landmarks: int) -> Iterator[Warning_]:
     large = sizes[sizes >= _PART * len(made)]
     if len(large) > 1:
         said = ", ".join(map(str, large[:3]))
-        yield {"code": "map_parts", "message": f"the map is in {len(large)} large parts that no face joins: {said} vertices"}
+        yield {
+            "code": "map_parts",
+            "message": f"the map is in {len(large)} large parts that no face joins: {said} vertices",
+        }
     if len(made) < _THIN * landmarks:
         message = f"the map has {len(made)} vertices for {landmarks} landmarks: few of these are seen by two keyframes"
         yield {"code": "thin_map", "message": message}
