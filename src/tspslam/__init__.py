@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from . import run as run
     from . import session as session
     from . import settings as settings
+    from . import topological_map as topological_map
     from . import topology as topology
     from . import types as types
     from . import view as view
@@ -39,10 +40,12 @@ if TYPE_CHECKING:
     from .frame import Frame as Frame
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
+    from .io.topological import load_map as load_map
     from .session import Odometry as Odometry
     from .session import Session as Session
     from .settings import Settings as Settings
     from .settings import list_settings as list_settings
+    from .topological_map import TopologicalMap as TopologicalMap
     from .topology.cells import CellComplex as CellComplex
     from .topology.cells import build_cells as build_cells
     from .topology.cells import grow_labels as grow_labels
@@ -135,6 +138,7 @@ _HOMES = {
     "datasets.folder": ("read_pair",),
     "frame": ("Frame",),
     "io.runs": ("StoredRun", "load_run"),
+    "io.topological": ("load_map",),
     "vision.features.orb": ("OrbDetector",),
     "vision.features.sift_brisk": ("BriskDetector", "SiftDetector"),
     "vision.features.grid": ("GridDetector",),
@@ -152,6 +156,7 @@ _HOMES = {
     "vision.slam.loop_closing": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
+    "topological_map": ("TopologicalMap",),
     "topology.surface": ("DelaunaySurface", "delaunay_surface"),
     "topology.complex": ("Complex", "build_complex"),
     "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
@@ -177,7 +182,17 @@ _HOMES = {
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "interop", "io", "view")
-_FILES = ("errors", "frame", "run", "session", "settings", "topology", "types", "vision")  # of common names: not for *
+_FILES = (  # of common names: not for *
+    "errors",
+    "frame",
+    "run",
+    "session",
+    "settings",
+    "topological_map",
+    "topology",
+    "types",
+    "vision",
+)
 
 __all__ = sorted((*_HOME, *_ROOMS))
 

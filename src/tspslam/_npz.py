@@ -18,7 +18,8 @@ from .errors import InputError
 
 Arrays = dict[str, NDArray[Any]]
 Schema = Mapping[str, tuple[str, tuple[int | str, ...]]]
-"""Type and axes of each array; axes named alike are equally long, and one that ends with * may be missing."""
+"""Type of each array, or several apart by blanks, and its axes; those named alike are equally long, and one that ends
+with * may be missing."""
 
 # Deflate cannot shrink further than this; smaller entries are let be.
 _RATIO = 1032
@@ -58,15 +59,17 @@ def read_npz(
     arrays: Arrays = {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            entries = archive.infolist()
-            _check_entries(entries, schema, optional, unpacked_limit(len(data)))
-            by_name = {entry.filename: entry for entry in entries}
+            by_name = _checked_entries(archive.infolist(), unpacked_limit(len(data)))
             for name in schema:
-                entry = by_name.get(f"{name}.npy")
+                entry = by_name.pop(f"{name}.npy", None)
                 if entry is not None:
                     with archive.open(entry) as stream:
                         arrays[name] = _parsed(name, schema[name][0], stream.read(entry.file_size))
                     check(name, arrays[name])
+                elif name not in optional:
+                    raise InputError(f"has no array {name}")
+            if by_name:
+                raise InputError("has a repeated or an unknown array")
     except InputError:
         raise
     except _ZIP_ERRORS as error:
@@ -88,12 +91,11 @@ def check_shapes(arrays: Mapping[str, NDArray[Any]], schema: Schema, known: dict
             raise InputError(f"array {name} has shape {values.shape}, where {expected} goes")
 
 
-def _check_entries(entries: list[zipfile.ZipInfo], schema: Schema, optional: Collection[str], limit: int) -> None:
-    names = [entry.filename for entry in entries]
-    known = {f"{name}.npy" for name in schema}
-    missing = sorted(known - {f"{name}.npy" for name in optional} - set(names))
-    if missing or len(set(names)) < len(names) or not set(names) <= known:
-        raise InputError(f"has no array {missing[0]}" if missing else "has a repeated or an unknown array")
+def _checked_entries(entries: list[zipfile.ZipInfo], limit: int) -> dict[str, zipfile.ZipInfo]:
+    """Entries by name, each there once, of a packing and of sizes that can be."""
+    by_name = {entry.filename: entry for entry in entries}
+    if len(by_name) < len(entries):
+        raise InputError("has a repeated or an unknown array")
     for entry in entries:
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or entry.flag_bits & 1:
             raise InputError(f"has {entry.filename} packed in a way that is not ours")
@@ -102,6 +104,7 @@ def _check_entries(entries: list[zipfile.ZipInfo], schema: Schema, optional: Col
     claimed = sum(entry.file_size for entry in entries)
     if claimed > limit:
         raise InputError(f"claims {claimed} bytes in all, where a file of its size may take {limit}")
+    return by_name
 
 
 def _parsed(name: str, kind: str, data: bytes) -> NDArray[Any]:
@@ -110,8 +113,8 @@ def _parsed(name: str, kind: str, data: bytes) -> NDArray[Any]:
     if not found or found.end() != 10 + int.from_bytes(found[1], "little"):
         raise InputError(f"array {name} has no header of ours")
     dtype, text = found[2].decode("ascii"), found[3].decode("ascii")
-    if dtype != kind:
-        raise InputError(f"array {name} has type {dtype}, where {kind} goes")
+    if dtype not in kind.split():
+        raise InputError(f"array {name} has type {dtype}, where {' or '.join(kind.split())} goes")
     shape = tuple(int(size) for size in text.split(",") if size)
     claimed = np.dtype(dtype).itemsize
     for size in shape:

@@ -144,7 +144,7 @@ class Frame:
     response : Response
         The filter's answer at each vertex.
     image : (H, W) or (H, W, 3) array or None
-        The left image; None for one read from a file.
+        The left image; None where there is none, and for one read from a file that was written without one.
     T_world_camera : (4, 4) float64
         Pose of the left camera, m, as it was tracked: what later frames tell of it is in the trajectory alone. The
         world is the first frame's camera; identity by default.

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from tspslam.errors import InputError, OutputError
 from tspslam.io import RunFolder
 from tspslam.io._config import differences, dump, hash_of, load, plain
+from tspslam.io._places import is_result
 from tspslam.io.lock import FolderLock
 from tspslam.io.manifest import Unit, append_unit, read_manifest, sha256_file
 
@@ -309,9 +310,12 @@ def test_both_forms_of_the_trajectory_are_written(tmp_path):
 
 def test_every_file_has_its_place(tmp_path):
     with create(tmp_path) as run:
-        places = [run.frame_path(7), run.picture_path("phase-1"), run.report_path, run.map_vtu_path, run.map_ply_path]
+        maps = [run.map_npz_path, run.landmarks_path, run.map_vtu_path, run.map_ply_path]
+        places = [run.frame_path(7), run.picture_path("phase-1"), run.report_path, *maps]
         names = [place.relative_to(run.path).as_posix() for place in places]
-        assert names == ["frames/000007.npz", "pictures/phase-1.png", "report.html", "map.vtu", "map.ply"]
+        stems = ["map.npz", "landmarks.npz", "map.vtu", "map.ply"]
+        assert names == ["frames/000007.npz", "pictures/phase-1.png", "report.html", *stems]
+        assert all(map(is_result, names))
         for name in ("", "../a", "a.b", "a/b"):
             with pytest.raises(InputError, match="picture"):
                 run.picture_path(name)

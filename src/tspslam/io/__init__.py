@@ -1,4 +1,4 @@
-"""Reading and writing: images, PLY, VTU, stored frames, run folders. Files are whole or not there."""
+"""Reading and writing: images, PLY, VTU, stored frames and maps, run folders. Files are whole or not there."""
 
 from .._atomic import atomic_write, write_bytes
 from .frames import read_frame, write_frame
@@ -8,6 +8,7 @@ from .mesh import merge_corners, read_mesh
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
 from .runs import StoredRun, load_run
+from .topological import load_map, read_map, write_map
 from .trajectory import read_trajectory, write_kitti, write_tum
 from .vtu import VtuMesh, read_vtu, write_vtu
 
@@ -19,10 +20,12 @@ __all__ = [
     "VtuMesh",
     "atomic_write",
     "image_size",
+    "load_map",
     "load_run",
     "merge_corners",
     "read_frame",
     "read_image",
+    "read_map",
     "read_mesh",
     "read_ply",
     "read_trajectory",
@@ -30,6 +33,7 @@ __all__ = [
     "write_bytes",
     "write_frame",
     "write_kitti",
+    "write_map",
     "write_ply",
     "write_png",
     "write_tum",

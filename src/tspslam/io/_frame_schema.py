@@ -1,38 +1,21 @@
-"""Which arrays a stored frame has, of which type and shape."""
+"""Which arrays a stored frame has, of which type and shape; those of its complex and signals a map has too."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._checks import is_rigid
-from .._npz import Arrays, check_shapes
+from .._npz import Arrays, Schema
 from ..errors import InputError
-
-MAGIC = "tspslam frame"
-VERSION = 2
+from ..topology.complex import Complex
+from ..types import Response, Signals
+from ._form import RIG_SCHEMA, Form, check_landmarks, check_least, check_limits, part_of
 
 # Letters are sizes that must agree: n vertices, e edges, f faces, s surface faces, b bytes of the name;
-# "c*" and "r*" stand for one more axis (channels of the signals, of the response) or none.
-SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
-    "magic": ("|u1", (len(MAGIC),)),
-    "version": ("<i8", ()),
-    "index": ("<i8", ()),
-    "stamp": ("<f8", ()),
-    "name": ("|u1", ("b",)),
-    "rig": ("<f8", (7,)),
-    "image_size": ("<i8", (2,)),
-    "T_world_camera": ("<f8", (4, 4)),
-    "is_keyframe": ("|b1", ()),
-    "is_lost": ("|b1", ()),
-    "cloud_xyz": ("<f8", ("n", 3)),
-    "cloud_uv": ("<f8", ("n", 2)),
-    "cloud_disparity": ("<f8", ("n",)),
-    "cloud_covariance": ("<f8", ("n", 3, 3)),
-    "landmark": ("<i8", ("n",)),
-    "surface_faces": ("<i4", ("s", 3)),
+# "c*", "r*" and "p*" stand for one more axis (channels of signals, response and image) or none.
+COMPLEX_SCHEMA: Schema = {
     "complex_n": ("<i8", ()),
     "complex_edges": ("<i4", ("e", 2)),
     "complex_faces": ("<i4", ("f", 3)),
@@ -51,59 +34,49 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "response_order": ("<i8", ()),
     "response_defined": ("|b1", ("n",)),
 }
-OPTIONAL = frozenset({"cloud_covariance", "landmark"})
-SINCE_LAST = frozenset({"T_world_camera", "is_keyframe", "is_lost"})  # arrays that version 1 has not
-# A point without a projection has NaN pixels.
-MAY_BE_NAN = frozenset({"cloud_uv", "cloud_disparity"})
-_LARGEST_VALUE = 1e100  # whose square is still finite; covariances of points at infinity come to 1e40
+_ARRAYS: Schema = {
+    "index": ("<i8", ()),
+    "stamp": ("<f8", ()),
+    "name": ("|u1", ("b",)),
+    **RIG_SCHEMA,
+    "T_world_camera": ("<f8", (4, 4)),
+    "is_keyframe": ("|b1", ()),
+    "is_lost": ("|b1", ()),
+    "cloud_xyz": ("<f8", ("n", 3)),
+    "cloud_uv": ("<f8", ("n", 2)),
+    "cloud_disparity": ("<f8", ("n",)),
+    "cloud_covariance": ("<f8", ("n", 3, 3)),
+    "landmark": ("<i8", ("n",)),
+    "surface_faces": ("<i4", ("s", 3)),
+    **COMPLEX_SCHEMA,
+    "image": ("|u1 <u2 <f4", ("h", "w", "p*")),
+}
 
 
-def to_schema(name: str, value: Any) -> NDArray[Any]:
-    """Return `value` in the schema's type; it must be exact."""
-    code = SCHEMA[name][0]
-    array = np.asarray(value)
-    if array.dtype.kind == "O" or not np.can_cast(array.dtype, code, "same_kind"):
-        raise InputError(f"array {name} has dtype {array.dtype}, where {code} goes")
-    stored = np.ascontiguousarray(array.astype(code)).reshape(array.shape)
-    if not np.array_equal(stored, array, equal_nan=array.dtype.kind in "fc"):
-        raise InputError(f"array {name} does not fit into {code}")
-    return stored
-
-
-def check(arrays: Arrays) -> None:
-    """Raise `InputError` unless the arrays, all that are not optional, are those of one consistent frame."""
-    known: dict[str, tuple[int, ...]] = {"n": (int(arrays["complex_n"]),)} if arrays["complex_n"].ndim == 0 else {}
-    check_shapes(arrays, SCHEMA, known)
-    for name, values in arrays.items():
-        with np.errstate(over="ignore"):
-            is_good = np.abs(values) < _LARGEST_VALUE if values.dtype.kind in "fc" else np.isfinite(values)
-        if not (is_good | np.isnan(values) if name in MAY_BE_NAN else is_good).all():
-            raise InputError(f"array {name} holds a value that is not finite or too large")
-    if arrays["response_order"] < 0:
-        raise InputError(f"has a response of order {arrays['response_order']}")
-    if arrays["index"] < 0:
-        raise InputError(f"has the index {arrays['index']}")
+def _check_frame(arrays: Arrays, lengths: dict[str, tuple[int, ...]]) -> None:
+    check_least(arrays, "index")
     if "landmark" in arrays:
-        _check_landmarks(arrays["landmark"])
+        check_landmarks(arrays, "landmark")
     if not is_rigid(arrays["T_world_camera"]):
         raise InputError("array T_world_camera holds no rigid motion")
-    _check_indices(arrays, known["n"][0], known["e"][0])
+    check_limits(arrays, {"surface_faces": lengths["n"][0]})
+    check_complex(arrays, lengths["n"][0], lengths["e"][0])
+    if "image" in arrays:
+        _check_image(arrays)
 
 
-def _check_landmarks(landmark: NDArray[Any]) -> None:
-    known = landmark[landmark != -1]
-    if (known < 0).any():
-        raise InputError(f"array landmark holds {known.min()}, where -1 is the least")
-    if len(np.unique(known)) < len(known):
-        raise InputError("array landmark holds a landmark twice")
+def _check_image(arrays: Arrays) -> None:
+    shape, (width, height) = arrays["image"].shape, arrays["image_size"].tolist()
+    if shape not in ((height, width), (height, width, 3)):
+        raise InputError(f"array image has shape {shape}, where {(height, width)} or {(height, width, 3)} goes")
 
 
-def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:
-    limits = {"surface_faces": n, "complex_edges": n, "complex_faces": n, "complex_face_edges": n_edges}
-    for name, limit in limits.items():
-        values = arrays[name]
-        if values.size and (values.min() < 0 or values.max() >= limit):
-            raise InputError(f"array {name} holds {values.min()} to {values.max()}, where 0 to {limit - 1} go")
+def check_complex(arrays: Arrays, n: int, n_edges: int) -> None:
+    """Raise `InputError` unless complex, signals and response, of the right shapes, are consistent."""
+    check_least(arrays, "signals_edge_pixels", "signals_face_pixels")
+    if arrays["response_order"] < 0:
+        raise InputError(f"has a response of order {arrays['response_order']}")
+    check_limits(arrays, {"complex_edges": n, "complex_faces": n, "complex_face_edges": n_edges})
     edges, faces = arrays["complex_edges"], arrays["complex_faces"]
     if not (np.diff(edges) > 0).all() or not (np.diff(faces) > 0).all():
         raise InputError("has an edge or a face of the complex that does not ascend")
@@ -112,3 +85,30 @@ def _check_indices(arrays: Arrays, n: int, n_edges: int) -> None:
     sides = faces[:, [[0, 1], [1, 2], [0, 2]]]
     if not np.array_equal(edges[arrays["complex_face_edges"]], sides):
         raise InputError("has complex_face_edges that are not the sides of complex_faces")
+
+
+def complex_arrays(complex_: Complex, signals: Signals, response: Response) -> dict[str, Any]:
+    """Return a complex, its signals and its response as values of `COMPLEX_SCHEMA`."""
+    of = {"complex": complex_, "signals": signals, "response": response}
+    return {name: getattr(of[name.partition("_")[0]], name.partition("_")[2]) for name in COMPLEX_SCHEMA}
+
+
+def complex_of(arrays: Arrays) -> tuple[Complex, Signals, Response]:
+    """Return what `complex_arrays` was given."""
+    complex_, response = part_of(arrays, "complex_"), part_of(arrays, "response_")
+    shape = Complex(int(complex_.pop("n")), **complex_)
+    answer = Response(response["z"], int(response["order"]), response["defined"])
+    return shape, Signals(**part_of(arrays, "signals_")), answer
+
+
+FORM = Form(
+    "frame",
+    3,
+    _ARRAYS,
+    "the run is to be made anew",
+    _check_frame,
+    optional=frozenset({"cloud_covariance", "landmark", "image"}),
+    may_be_nan=frozenset({"cloud_uv", "cloud_disparity"}),  # a point without a projection has NaN pixels
+    plain=frozenset({"image"}),
+)
+SCHEMA = FORM.schema

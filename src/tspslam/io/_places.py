@@ -15,8 +15,10 @@ from .lock import LOCK_NAME
 CONFIG, MANIFEST, TIMINGS = "config.yaml", "manifest.jsonl", "timings.json"
 PARTS = "frames", "pictures"
 _BOOKS = frozenset({CONFIG, MANIFEST, TIMINGS, LOCK_NAME})
+MAP, LANDMARKS = "map.npz", "landmarks.npz"
 _RESULTS = frozenset(
-    {"run.json", "report.html", "map.vtu", "map.ply", "trajectory.tum", "trajectory.kitti.txt", "state.npz"}
+    {"run.json", "report.html", MAP, LANDMARKS, "map.vtu", "map.ply", "trajectory.tum", "trajectory.kitti.txt"}
+    | {"state.npz"}
 )
 _FRAME = re.compile(r"frames/(?:[0-9]{6}|[1-9][0-9]{6,11})\.(?:npz|json)")
 _PICTURE = re.compile(r"pictures/(.+)\.png")

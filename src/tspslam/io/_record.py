@@ -6,11 +6,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .._files import bad_input
+from .._files import bad_input, read_bytes
+from .._text import parse_json
 
+_LARGEST_JSON = 1 << 30  # bytes
 _EXPECTED = "rows with the index and the stamp of each frame"
 _LARGEST_INDEX = 1 << 53  # which a float64 still holds exactly
 _LARGEST_STAMP = 1e300  # s
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Return what a file of one JSON object holds; `InputError` if it holds something else."""
+    try:
+        values = parse_json(read_bytes(path, "a JSON object", _LARGEST_JSON))
+    except (ValueError, RecursionError) as error:
+        raise bad_input(path, f"is not JSON ({error})", "a JSON object") from error
+    if not isinstance(values, dict):
+        raise bad_input(path, f"holds a {type(values).__name__}", "a JSON object")
+    return values
 
 
 def checked_rows(path: Path, run: Mapping[str, Any]) -> list[dict[str, Any]]:

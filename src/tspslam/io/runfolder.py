@@ -15,17 +15,15 @@ from numpy.typing import ArrayLike
 
 from .._atomic import bad_output, make_folder, write_bytes
 from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
-from .._text import parse_json
 from ..errors import InputError, OutputError
 from . import _config
-from ._places import CONFIG, MANIFEST, PARTS, TIMINGS, check_places, is_result, is_word
-from ._record import checked_rows
+from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMINGS, check_places, is_result, is_word
+from ._record import checked_rows, read_object
 from ._settling import is_ours, read_config, refuse_foreign, refuse_other_format, settle_config, sweep, unmake
 from .lock import FolderLock
 from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manifest
 from .trajectory import write_kitti, write_tum
 
-_LARGEST_JSON = 1 << 30  # bytes
 _FRAME = re.compile(r"frames/(\d{6,})\.npz")
 
 
@@ -184,6 +182,16 @@ class RunFolder:
     def report_path(self) -> Path:
         """Where the report goes."""
         return self.path / "report.html"
+
+    @property
+    def map_npz_path(self) -> Path:
+        """Where the map goes, with all that is known of it."""
+        return self.path / MAP
+
+    @property
+    def landmarks_path(self) -> Path:
+        """Where the landmarks go that the map is made of."""
+        return self.path / LANDMARKS
 
     @property
     def map_vtu_path(self) -> Path:
@@ -357,7 +365,7 @@ class RunFolder:
         -------
         dict
         """
-        return self._read_json("run.json")
+        return read_object(self.path / "run.json")
 
     def read_rows(self) -> list[dict[str, Any]]:
         """Return the rows of ``per_frame`` in ``run.json``: numbers of each frame that has a pose, in order.
@@ -380,7 +388,7 @@ class RunFolder:
 
         Returns: as `read_run`.
         """
-        return self._read_json(TIMINGS)
+        return read_object(self.path / TIMINGS)
 
     def write_trajectory(self, stamp: ArrayLike, T_world_camera: ArrayLike) -> list[Path]:
         """Write ``trajectory.tum`` and ``trajectory.kitti.txt``.
@@ -412,16 +420,6 @@ class RunFolder:
             raise bad_input(target, f"cannot hold these values ({error})", "plain JSON, no NaN") from error
         write_bytes(target, data)
         return target
-
-    def _read_json(self, name: str) -> dict[str, Any]:
-        target = self.path / name
-        try:
-            values = parse_json(read_bytes(target, "a JSON object", _LARGEST_JSON))
-        except (ValueError, RecursionError) as error:
-            raise bad_input(target, f"is not JSON ({error})", "a JSON object") from error
-        if not isinstance(values, dict):
-            raise bad_input(target, f"holds a {type(values).__name__}", "a JSON object")
-        return values
 
     def _name(self, path: PathLike) -> str:
         try:
