@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
     from .io.topological import load_map as load_map
+    from .run.map import build_map as build_map
     from .session import Odometry as Odometry
     from .session import Session as Session
     from .settings import Settings as Settings
@@ -177,6 +178,7 @@ _HOMES = {
     "vision.calibration.formats": ("read_calibration",),
     "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
+    "run.map": ("build_map",),
     "session": ("Odometry", "Session"),
     "settings": ("Settings", "list_settings"),
 }

@@ -44,11 +44,13 @@ _ZIP_ERRORS = (
 
 
 def read_npz(
-    data: bytes, schema: Schema, *, optional: Collection[str] = (), check: Callable[[str, NDArray[Any]], None]
-) -> Arrays:
+    data: bytes, schema: Schema, *, optional: Collection[str] = (), check: Callable[[str, NDArray[Any]], None],
+    only: Collection[str] | None = None,
+) -> Arrays:  # fmt: skip
     """Return the arrays of an npz file's bytes, in the order of the schema; shapes are left to `check_shapes`.
 
-    Each is given to `check` before the next one is read, so that marks and versions come first.
+    Each is given to `check` before the next one is read, so that marks and versions come first. Of a schema's arrays
+    all are looked for, but where there is `only`, just these are read.
 
     Raises
     ------
@@ -62,11 +64,11 @@ def read_npz(
             by_name = _checked_entries(archive.infolist(), unpacked_limit(len(data)))
             for name in schema:
                 entry = by_name.pop(f"{name}.npy", None)
-                if entry is not None:
+                if entry is not None and (only is None or name in only):
                     with archive.open(entry) as stream:
                         arrays[name] = _parsed(name, schema[name][0], stream.read(entry.file_size))
                     check(name, arrays[name])
-                elif name not in optional:
+                elif entry is None and name not in optional:
                     raise InputError(f"has no array {name}")
             if by_name:
                 raise InputError("has a repeated or an unknown array")

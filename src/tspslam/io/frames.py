@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from .._checks import require
 from .._files import PathLike
 from .._npz import Arrays
+from ..errors import InputError
 from ..frame import Frame
-from ..types import Cloud, Surface
+from ..types import Cloud, Image, Surface
 from ._form import part_of, read_arrays, rig_arrays, rig_of, write_arrays
 from ._frame_schema import FORM, complex_arrays, complex_of
 
@@ -91,6 +92,32 @@ def read_frame(path: PathLike) -> Frame:
     no such frame.npz: cannot be opened
     """
     return read_arrays(path, FORM, _frame)
+
+
+def read_frame_image(path: PathLike) -> Image:
+    """Read the image of a frame that `write_frame` wrote, and nothing else of it.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8, uint16 or float32
+
+    Raises
+    ------
+    InputError
+        As `read_frame`, or if the frame has none.
+    """
+    return read_arrays(path, FORM, _image_of, only=("image",))
+
+
+def _image_of(arrays: Arrays) -> Image:
+    if "image" not in arrays:
+        raise InputError("has no image")
+    return arrays["image"]
 
 
 def _collected(frame: Frame) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping as Named
-from dataclasses import replace
+from collections.abc import Callable
+from collections.abc import Mapping as Named
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,8 @@ from ..vision.slam.odometry import StereoOdometry
 from .config import resolve
 
 
-class Keyframes(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Keyframes:
     """What a map is made of.
 
     Attributes
