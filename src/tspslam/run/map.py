@@ -89,7 +89,7 @@ def build_map(source: Session | PathLike, mapping: Mapping | None = None) -> Top
     if mapping is not None:
         require(mapping, Mapping, "mapping")
     if isinstance(source, Session):
-        return join_keyframes(_kept(source), source.settings, mapping)
+        return join_keyframes(kept_keyframes(source), source.settings, mapping)
     if not isinstance(source, str | Path):
         raise InputError(f"source is {told(source)}, expected a Session or the path of a run folder")
     folder = RunFolder.open(source)
@@ -133,8 +133,23 @@ def _restrict(snapshot: MapSnapshot, is_kept: BoolArray) -> MapSnapshot:
     )  # fmt: skip
 
 
-def _kept(session: Session) -> Keyframes:
-    """What a session has kept."""
+def kept_keyframes(session: Session) -> Keyframes:
+    """Find what a session has kept of its keyframes.
+
+    Parameters
+    ----------
+    session : Session
+        Which may go on.
+
+    Returns
+    -------
+    Keyframes
+
+    Raises
+    ------
+    InputError
+        If it has kept none.
+    """
     frames, odometry = session.keyframes, session.odometry
     if not frames:
         raise InputError("session: has kept no keyframe, expected keep=True and a pair that was processed")
