@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from tspslam import Rig, Session
+from tspslam import Rig, Session, build_map, list_settings
 from tspslam.datasets import open_sequence, synthetic
-from tspslam.errors import InputError
+from tspslam.errors import GeometryError, InputError
+from tspslam.mapping.settings import Mapping as MappingSettings
+from tspslam.run.config import resolve
 from tspslam.topology.texture import luminance
 
 from . import mapping_measures as measures
@@ -68,8 +70,6 @@ def known(name: str) -> World:
 
 def build(world: World) -> tuple[Any, dict[str, float]]:
     """The map of a world, and the seconds of the session and of the map."""
-    from tspslam import build_map
-
     started = time.perf_counter()
     with Session(world.sequence.rig) as session:
         for k in range(len(world.sequence)):
@@ -153,6 +153,51 @@ def figures(made: Any, world: World, cache: Path | None = None) -> dict[str, flo
     return found | {"measures, s": time.perf_counter() - started}
 
 
+def vary_settings(names: list[str], cache: Path | None, data: Path | None) -> None:
+    """Print what half and double of each setting of the map do to it; sources of defaults quote this."""
+    sessions = {}
+    for name in names:
+        world = opened(name, data)
+        session = Session(world.sequence.rig)
+        for k in range(len(world.sequence)):
+            session.process(world.sequence[k])
+        session.finish()
+        sessions[name] = world, session
+    for change, mapping in _variations():
+        found = [f"{change:<40}"]
+        for name, (world, session) in sessions.items():
+            found.append(f"{name}: {_in_short(world, session, mapping, cache)}")
+        print("  ".join(found), flush=True)
+
+
+def _variations():
+    """Names and mappings: the defaults, then half and double of every number."""
+    yield "default", MappingSettings()
+    for row in list_settings():
+        if not row.name.startswith("mapping.") or row.type not in (int, float):
+            continue
+        for factor in (0.5, 2):
+            value = min(max(row.type(row.default * factor), row.low), row.high)
+            if value != row.default:
+                yield f"{row.name}={value:g}", resolve(assignments=[f"{row.name}={value}"]).settings.mapping
+
+
+def _in_short(world: World, session: Session, mapping: MappingSettings, cache: Path | None) -> str:
+    started = time.perf_counter()
+    try:
+        made = build_map(session, mapping)
+    except GeometryError as error:
+        return str(error)
+    seconds = time.perf_counter() - started
+    found = surface_figures(made, world.sequence.rig)
+    said = f"V {len(made)} double {found['double']:.2f} blocked {found['blocked']:.2f} three {found['three sightings']:.0f}"
+    if world.clean is not None:
+        depth, _ = world.truth(np.asarray(made.keyframes), cache)
+        truth = truth_figures(made, world, depth)
+        said += f" covered {truth['covered']:.1f} off {truth['off']:.2f} {truth['off 95th, by face']:.2f}"
+    return f"{said} defined {100 * made.defined.mean():.0f} {seconds:.2f} s"
+
+
 def line(name: str, found: dict[str, float]) -> str:
     shown = (f"{key} {value:.0f}" if value >= 1000 else f"{key} {value:.3g}" for key, value in found.items())
     return f"{name}: " + ", ".join(shown)
@@ -170,7 +215,11 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("world", nargs="*", default=[*SCENES, *RECORDED], help="scene or recording; all by default")
     parser.add_argument("--data", type=Path, default=os.environ.get("TSPSLAM_DATA"), help="folder of recordings")
     parser.add_argument("--cache", type=Path, help="folder for what is rendered")
+    parser.add_argument("--settings", action="store_true", help="what half and double of each setting do")
     given = parser.parse_args(arguments)
+    if given.settings:
+        vary_settings(given.world, given.cache, given.data and Path(given.data))
+        return
     for name in given.world:
         try:
             world = opened(name, given.data and Path(given.data))

@@ -1,50 +1,225 @@
-"""Frames laid side by side keep their cells, signals and responses; only places move."""
+"""One map of a session or of a run: the same whichever of the two it is made of."""
+
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from tspslam import Session
-from tspslam.io import read_frame, write_frame
-from tspslam.run.map import merge_frames
-from tspslam.vision.se3 import inverse
+from tspslam import GeometryError, InputError, Session, Settings, Tracked, Trajectory, build_map, load_map
+from tspslam.io import read_frame
+from tspslam.mapping.settings import Mapping, SurfaceSettings
+from tspslam.run.config import resolve
+from tspslam.run.live import LiveMap
+from tspslam.run.map import join_keyframes, kept_keyframes, stored_keyframes
+from tspslam.run.pipeline import OnePair, run
+from tspslam.topological_map import TopologicalMap
 
-from ..sequences import corridor
+from ..mapping.laws import fans_and_crowded_edges
+from ..sequences import DETECTOR, SETTINGS, SMALL_RIG, corridor
+
+STAGES = Settings(detector=DETECTOR)
+
+
+def arrays(one, prefix=""):
+    """All arrays of a map, by dotted name."""
+    found = {}
+    for each in fields(one) if hasattr(one, "__dataclass_fields__") else ():
+        value = getattr(one, each.name)
+        found |= {prefix + each.name: value} if isinstance(value, np.ndarray) else arrays(value, f"{prefix}{each.name}.")
+    if isinstance(one, tuple):
+        found |= {f"{prefix}{k}": value for k, value in enumerate(one)}
+    return found
+
+
+def assert_same(one, other):
+    first, second = arrays(one), arrays(other)
+    assert first.keys() == second.keys()
+    assert len(first) > 20
+    for name, values in first.items():
+        assert np.array_equal(values, second[name], equal_nan=values.dtype.kind == "f"), name
 
 
 @pytest.fixture(scope="module")
-def frames(tmp_path_factory):
-    folder, found = tmp_path_factory.mktemp("frames"), []
-    walk = corridor(2.0)
-    session = Session(walk.rig)
-    for pair in (walk[0], walk[3]):
-        write_frame(folder / "frame.npz", session.process(pair))
-        found.append(read_frame(folder / "frame.npz"))
-    return found, walk.truth[[0, 3]]
+def walk():
+    return corridor(8.0, SMALL_RIG, exposure=0.1)
 
 
-def test_the_union_is_made_of_its_parts(frames):
-    parts, poses = frames
-    whole = merge_frames(parts, poses)
-    n, e = len(parts[0].cloud), len(parts[0].complex_.edges)
-    assert whole.complex_.n == len(whole.cloud) == n + len(parts[1].cloud)
-    assert whole.complex_.euler == sum(part.complex_.euler for part in parts)
-    assert np.array_equal(whole.complex_.edges[e:], parts[1].complex_.edges + n)
-    assert np.array_equal(whole.complex_.faces, np.concatenate([parts[0].complex_.faces, parts[1].complex_.faces + n]))
-    assert np.array_equal(whole.signals.edge[e:], parts[1].signals.edge)
-    assert np.array_equal(whole.response.z[n:], parts[1].response.z)
+@pytest.fixture(scope="module")
+def session(walk):
+    with Session(walk.rig, STAGES) as session:
+        for pair in walk:
+            session.process(pair)
+        session.finish()
+    return session
 
 
-def test_points_lie_in_the_world_and_their_covariance_turns_along(frames):
-    parts, poses = frames
-    whole, n = merge_frames(parts, poses), len(parts[0].cloud)
-    back = inverse(poses[1])
-    np.testing.assert_allclose(whole.cloud.xyz[n:] @ back[:3, :3].T + back[:3, 3], parts[1].cloud.xyz, atol=1e-9)
-    volumes = [np.linalg.det(cloud.covariance) for cloud in (whole.cloud, parts[1].cloud)]
-    np.testing.assert_allclose(volumes[0][n:], volumes[1], rtol=1e-6)
+@pytest.fixture(scope="module")
+def folder(walk, tmp_path_factory):
+    out = tmp_path_factory.mktemp("run") / "run"
+    run(walk, out, resolve(assignments=SETTINGS))
+    return out
 
 
-def test_one_frame_stays_what_it_is(frames):
-    parts, _ = frames
-    whole = merge_frames(parts[:1], np.eye(4)[None])
-    assert np.array_equal(whole.cloud.xyz, parts[0].cloud.xyz)
-    assert whole.complex_ is parts[0].complex_
+def test_a_session_and_a_run_of_it_have_the_same_map(session, folder):
+    assert_same(build_map(session), build_map(folder))
+    assert_same(build_map(str(folder)), load_map(folder))
+
+
+def test_a_map_has_the_keyframes_that_the_path_rests_on(session):
+    made = build_map(session)
+    assert made.keyframes.tolist() == [frame.index for frame in session.odometry.map.keyframes]
+    assert set(made.landmark_id) <= set(session.odometry.map.landmark_id)
+    assert (np.diff(made.landmark_id) > 0).all()
+    assert (np.diff(made.observations.start) >= 2).all()
+
+
+def test_a_map_can_be_made_while_the_session_goes_on(walk):
+    with Session(walk.rig, STAGES) as session:
+        for pair in walk[:9] if isinstance(walk, list) else [walk[k] for k in range(9)]:
+            session.process(pair)
+        early = build_map(session)
+        for k in range(9, len(walk)):
+            session.process(walk[k])
+        session.finish()
+        assert len(build_map(session)) > len(early) > 100
+
+
+def test_settings_of_the_map_come_from_the_run_or_are_given(folder, walk, tmp_path):
+    shorter = Mapping(surface=SurfaceSettings(longest=0.2, longest_apart=0.1))
+    given = build_map(folder, shorter)
+    assert len(given.surface.faces) < len(load_map(folder).surface.faces)
+    run(walk, tmp_path / "run", resolve(assignments=[*SETTINGS, "mapping.surface.longest=0.2",
+                                                     "mapping.surface.longest_apart=0.1"]))  # fmt: skip
+    assert_same(load_map(tmp_path / "run"), given)
+
+
+def test_a_map_of_one_keyframe_is_that_keyframe(walk, tmp_path):
+    run(OnePair(walk[0]), tmp_path / "run", resolve(assignments=SETTINGS))
+    made, frame = load_map(tmp_path / "run"), read_frame(tmp_path / "run/frames/000000.npz")
+    assert_same(made.signals, frame.signals) if False else None
+    for each in fields(frame.signals):
+        assert np.array_equal(getattr(made.signals, each.name), getattr(frame.signals, each.name))
+    assert np.array_equal(made.complex_.faces, frame.complex_.faces)
+    assert np.array_equal(made.response.z, frame.response.z)
+    assert np.array_equal(made.xyz, frame.cloud.xyz)
+    assert_same(made, build_map(tmp_path / "run"))
+
+
+class Given:
+    """Poses from elsewhere; every third frame is a keyframe."""
+
+    def __init__(self, poses):
+        self.poses, self.stamps = poses, []
+
+    @property
+    def trajectory(self):
+        return Trajectory(np.array(self.stamps), self.poses[: len(self.stamps)])
+
+    def process(self, pair):
+        self.stamps.append(pair.stamp)
+        return Tracked(self.poses[len(self.stamps) - 1], is_keyframe=len(self.stamps) % 3 == 1)
+
+    def finish(self):
+        pass
+
+    def close(self):
+        pass
+
+
+def test_poses_from_elsewhere_make_a_map_of_all_points(walk):
+    with Session(walk.rig, STAGES, odometry=Given(walk.truth)) as session:
+        for pair in walk:
+            session.process(pair)
+        made = build_map(session)
+    assert len(made) > 500
+    assert not any(fans_and_crowded_edges(made.surface.faces, len(made)))
+    assert np.median(np.abs(made.xyz[:, 1][made.xyz[:, 1] > 1.2] - 1.4)) < 0.02  # the floor
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        (7, "source is int, expected a Session or the path of a run folder"),
+        ("no-such-run", "no-such-run: holds no config.yaml of a run"),
+    ],
+)
+def test_what_has_no_keyframes_is_refused(source, said):
+    with pytest.raises(InputError, match=said):
+        build_map(source)
+
+
+def test_a_session_that_keeps_nothing_says_so(walk):
+    with Session(walk.rig, STAGES, keep=False) as session:
+        session.process(walk[0])
+        with pytest.raises(InputError, match="has kept no keyframe, expected keep=True"):
+            build_map(session)
+
+
+def test_a_run_without_landmarks_names_the_way_out(folder, tmp_path):
+    import shutil
+
+    copy = shutil.copytree(folder, tmp_path / "run")
+    (copy / "landmarks.npz").unlink()
+    with pytest.raises(InputError, match=r"landmarks.npz: is not there; expected .* tspslam run SOURCE --out NEW"):
+        build_map(copy)
+
+
+def test_keyframes_that_span_no_surface_are_told_and_the_run_is_degraded(walk, tmp_path):
+    never = ["mapping.surface.longest=0.01", "mapping.surface.longest_apart=0"]
+    result = run(walk, tmp_path / "run", resolve(assignments=[*SETTINGS, *never]))
+    assert result.is_degraded
+    assert [each["code"] for each in result.run["warnings"]].count("map") == 1
+    assert not (tmp_path / "run/map.npz").exists()
+    assert (tmp_path / "run/map.vtu").exists()
+    with pytest.raises(GeometryError, match="landmarks span no surface"):
+        build_map(tmp_path / "run")
+
+
+def test_keyframes_without_a_file_are_left_out(folder):
+    from tspslam.io import RunFolder
+
+    given, settings = stored_keyframes(RunFolder.open(folder)), resolve(file=folder / "config.yaml").settings
+    gone = sorted(given.index)[1]
+    rest = replace(given, index={number: index for number, index in given.index.items() if number != gone})
+    made = join_keyframes(rest, settings)
+    assert gone not in made.keyframes
+    assert isinstance(made, TopologicalMap)
+
+
+def test_a_live_map_grows_with_the_session_and_ends_near_the_final_one(walk):
+    sizes = []
+    with Session(walk.rig, STAGES) as session:
+        live = LiveMap(session)
+        for pair in walk:
+            if session.process(pair).is_keyframe:
+                made = live.update()
+                sizes.append(0 if made is None else len(made))
+        session.finish()
+        final = build_map(session)
+        last = live.update()
+    assert sizes[0] > 0
+    assert sizes[-1] > sizes[1]
+    assert not any(fans_and_crowded_edges(last.surface.faces, len(last)))
+    assert len(np.intersect1d(last.landmark_id, final.landmark_id)) > 0.8 * len(final)
+    assert last.keyframes.tolist() == final.keyframes.tolist()
+    assert arrays(last).keys() == arrays(final).keys()
+    ok = np.isin(final.landmark_id, last.landmark_id)
+    same = np.searchsorted(last.landmark_id, final.landmark_id[ok])
+    away = np.linalg.norm(final.xyz[ok] - last.xyz[same], axis=1)
+    assert np.median(away) < 0.02
+
+
+def test_a_live_map_follows_its_landmarks(session):
+    """As after a loop closes: what is not made anew stands where the landmarks are now."""
+    live = LiveMap(session)
+    made = live.update()
+    given = kept_keyframes(session)
+    moved = replace(given.snapshot, xyz=given.snapshot.xyz + (0, 0, 1.0))
+    from tspslam.run.live import _join
+
+    part = join_keyframes(replace(given, index=dict(list(given.index.items())[-2:])), session.settings)
+    joined = _join(made, part, replace(given, snapshot=moved))
+    old = ~np.isin(joined.landmark_id, part.landmark_id)
+    rows = np.searchsorted(moved.landmark_id, joined.landmark_id[old])
+    assert old.sum() > 50
+    assert np.array_equal(joined.xyz[old], moved.xyz[rows])
