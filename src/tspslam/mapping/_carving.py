@@ -91,24 +91,30 @@ def _leave(t, entered, o, dx, dy, dz, planes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _walk(t, o, d, length, sigma, neighbours, planes, crossed):  # type: ignore[no-untyped-def]
-    """Walk from o along d, and return the tetrahedron in which `length` ends, -1 if the walk goes astray.
+def _walk(t, o, d, length, sigma, steps, sign, neighbours, planes, crossed):  # type: ignore[no-untyped-def]
+    """Walk from o along d, and return the tetrahedron in which `length` ends, and after how many steps.
 
-    With a positive `sigma`, each facet crossed s from o takes ``1 - exp(-s² / 2σ²)``, from the side where o is not.
+    -1 if the walk goes in a circle, as it may among flat tetrahedra (seen as Brent 1980 does: against a place that is
+    renewed after 1, 2, 4, ... steps). With a positive `sigma`, each facet crossed s from o takes
+    ``sign (1 - exp(-s² / 2σ²))``, from the side where o is not.
     """
-    entered = -1
-    for _ in range(4 * neighbours.shape[0]):
+    entered, before, renewed = -1, t, 1
+    for step in range(steps):
         facet, at = _leave(t, entered, o, d[0], d[1], d[2], planes)
         if facet < 0 or at >= length or neighbours[t, facet] < 0:
-            return t
+            return t, step
         beyond, entered = neighbours[t, facet], 0
         while neighbours[beyond, entered] != t:
             entered += 1
         if sigma > 0.0:
             share = max(at, 0.0) / sigma
-            crossed[beyond, entered] += 1.0 - np.exp(-0.5 * share * share)
+            crossed[beyond, entered] += sign * (1.0 - np.exp(-0.5 * share * share))
         t = beyond
-    return -1
+        if t == before:
+            return -1, step + 1
+        if step + 1 == renewed:
+            before, renewed = t, 2 * renewed
+    return -1, steps
 
 
 @kernel
@@ -116,7 +122,7 @@ def carve(points, tetrahedra, neighbours, planes, start, around, origin, vertex,
     """Walk each ray from its landmark to the camera, and `behind` standard deviations on behind the landmark.
 
     What is crossed before the landmark should be free; the camera's tetrahedron is, the one behind is full. Landmarks
-    without a tetrahedron (another is in their place) say nothing.
+    without a tetrahedron (another is in their place) say nothing, nor does a ray that goes astray.
     """
     crossed, free, full = out
     d = np.empty(3)
@@ -131,13 +137,17 @@ def carve(points, tetrahedra, neighbours, planes, start, around, origin, vertex,
         for k in range(3):
             d[k] /= length
         t = _begin(i, d[0], d[1], d[2], start, around, tetrahedra, planes)
-        t = _walk(t, o, d, length, sigma[r], neighbours, planes, crossed)
+        most = 4 * neighbours.shape[0]
+        begin = t
+        t, steps = _walk(begin, o, d, length, sigma[r], most, 1.0, neighbours, planes, crossed)
         if t >= 0:
             free[t] += 1.0
+        else:  # take back what it left
+            _walk(begin, o, d, length, sigma[r], steps, -1.0, neighbours, planes, crossed)
         for k in range(3):
             d[k] = -d[k]
         t = _begin(i, d[0], d[1], d[2], start, around, tetrahedra, planes)
-        t = _walk(t, o, d, behind * sigma[r], 0.0, neighbours, planes, crossed)
+        t, _ = _walk(t, o, d, behind * sigma[r], 0.0, most, 1.0, neighbours, planes, crossed)
         if t >= 0:
             full[t] += 1.0
 

@@ -40,7 +40,10 @@ def limit_edges(faces, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def largest_fans(faces, n):  # type: ignore[no-untyped-def]
-    """Whether each face is in the largest fan of each of its vertices; of equal ones, in that of the first face."""
+    """Whether each face stays if, vertex after vertex, the largest fan does; of equal ones, that of the first face.
+
+    What goes at a vertex may split the fan of an earlier one: call again until all stay.
+    """
     count = faces.shape[0]
     start = np.zeros(n + 1, np.int64)
     for f in range(count):
@@ -54,30 +57,32 @@ def largest_fans(faces, n):  # type: ignore[no-untyped-def]
             around[fill[faces[f, k]]] = f
             fill[faces[f, k]] += 1
     keep = np.ones(count, np.bool_)
-    label, sizes = np.empty(count, np.int64), np.empty(count, np.int64)
+    here, label, sizes = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     for v in range(n):
-        first, last = start[v], start[v + 1]
-        for r in range(first, last):
-            label[r - first] = r - first
+        size = 0  # of the star of v, without what went at an earlier vertex: in a ring of corners not all go
+        for r in range(start[v], start[v + 1]):
+            if keep[around[r]]:
+                here[size], label[size] = around[r], size
+                size += 1
         changed = True
         while changed:
             changed = False
-            for r in range(first, last):
-                for q in range(r + 1, last):
-                    if label[r - first] != label[q - first] and _meet(faces, around[r], around[q], v):
-                        low = min(label[r - first], label[q - first])
-                        label[r - first], label[q - first] = low, low
+            for r in range(size):
+                for q in range(r + 1, size):
+                    if label[r] != label[q] and _meet(faces, here[r], here[q], v):
+                        low = min(label[r], label[q])
+                        label[r], label[q] = low, low
                         changed = True
-        sizes[: last - first] = 0
-        for r in range(first, last):
-            sizes[label[r - first]] += 1
+        sizes[:size] = 0
+        for r in range(size):
+            sizes[label[r]] += 1
         best = 0
-        for r in range(last - first):
+        for r in range(size):
             if sizes[r] > sizes[best]:
                 best = r
-        for r in range(first, last):
-            if label[r - first] != best:
-                keep[around[r]] = False
+        for r in range(size):
+            if label[r] != best:
+                keep[here[r]] = False
     return keep
 
 
