@@ -132,10 +132,10 @@ def test_sessions_files_and_meshes_give_the_same_type(motorcycle, tmp_path):
     mesh = from_arrays([[0, 0, 5], [1, 0, 5], [0, 1, 5.0]], [[0, 1, 2]], image, RIG)
     assert {type(each) for each in (tracked, stored, mesh)} == {Frame}
     assert np.array_equal(tracked.image, motorcycle.left)
-    assert stored.image is None
+    assert np.array_equal(stored.image, motorcycle.left)
     np.testing.assert_array_equal(mesh.response.z, tspslam.tmahf(mesh.complex_, mesh.cloud.uv, mesh.signals, order=1).z)
     with pytest.raises(InputError, match=r"has no image, .* dataclasses.replace\(frame, image=pair.left\)"):
-        write_pictures(stored, tmp_path)
+        write_pictures(dataclasses.replace(stored, image=None), tmp_path)
 
 
 def test_no_other_class_has_the_parts_of_a_frame():

@@ -151,6 +151,33 @@ def test_read_mesh_takes_a_frame_s_cloud_and_surface(tmp_path):
     np.testing.assert_array_equal(faces, FACES)
 
 
+IMAGES = [
+    np.arange(480 * 640).reshape(480, 640).astype(np.uint8),
+    np.full((480, 640, 3), 60_000, np.uint16),
+    np.random.default_rng(1).random((480, 640), np.float32),
+]
+
+
+@pytest.mark.parametrize("image", IMAGES, ids=lambda image: image.dtype.name)
+def test_a_frame_keeps_its_image_as_it_is(tmp_path, image):
+    write_frame(tmp_path / "a.npz", dataclasses.replace(frame(), image=image))
+    back = read_frame(tmp_path / "a.npz").image
+    assert back.dtype == image.dtype
+    np.testing.assert_array_equal(back, image)
+    assert (tmp_path / "a.npz").stat().st_size > image.nbytes  # not compressed: pictures hardly shrink
+
+
+def test_an_image_of_float64_is_kept_as_float32(tmp_path):
+    image = np.random.default_rng(1).random((480, 640))
+    write_frame(tmp_path / "a.npz", dataclasses.replace(frame(), image=image))
+    np.testing.assert_array_equal(read_frame(tmp_path / "a.npz").image, image.astype(np.float32))
+
+
+def test_an_image_of_another_size_than_the_rig_s_is_left_out(tmp_path):
+    write_frame(tmp_path / "a.npz", dataclasses.replace(frame(), image=np.zeros((9, 9))))
+    assert read_frame(tmp_path / "a.npz").image is None
+
+
 def changed(part, **fields):
     original = frame()
     return dataclasses.replace(original, **{part: dataclasses.replace(getattr(original, part), **fields)})
@@ -213,6 +240,10 @@ def test_a_place_below_a_file_is_an_output_error(tmp_path):
         ("T_world_camera", None, "no array T_world_camera"),
         ("is_keyframe", None, "no array is_keyframe"),
         ("landmark", npy(np.zeros(5)), "array landmark has type <f8"),
+        ("image", npy(np.zeros((480, 640))), r"array image has type <f8, where \|u1 or <u2 or <f4 goes"),
+        ("image", npy(np.zeros((640, 480), np.uint8)), r"image has shape \(640, 480\), where \(480, 640\)"),
+        ("image", npy(np.zeros((480, 640, 4), np.uint8)), "image has shape"),
+        ("image", npy(np.full((480, 640), np.nan, np.float32)), "image holds a value that is not finite"),
         ("surprise", npy(np.zeros(3)), "unknown array"),
         ("cloud_xyz", b"nothing", "no header of ours"),
         ("cloud_xyz", npy(np.array([None]), allow_pickle=True), "no header of ours"),

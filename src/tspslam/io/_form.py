@@ -30,7 +30,7 @@ class Form:
     Attributes
     ----------
     kind : str
-        One word: the file carries the mark ``tspslam kind``.
+        The file carries the mark ``tspslam`` and this word.
     version : int
         Of its format; others are refused.
     arrays : Schema
@@ -62,6 +62,11 @@ class Form:
         return f"tspslam {self.kind}".encode("ascii")
 
     @property
+    def named(self) -> str:
+        """Its kind with an article, if it is one thing."""
+        return self.kind if self.kind.endswith("s") else f"a {self.kind}"
+
+    @property
     def schema(self) -> Schema:
         """All arrays, those that tell the kind first."""
         return {"magic": ("|u1", (len(self.mark),)), "version": ("<i8", ()), **self.arrays}
@@ -75,7 +80,7 @@ def write_arrays(path: PathLike, form: Form, values: Mapping[str, Any]) -> None:
         arrays = {name: _to_schema(name, schema[name][0], value) for name, value in given.items()}
         _check(form, arrays)
     except InputError as error:
-        raise bad_input(path, f"cannot hold this {form.kind}: {error}", f"a consistent {form.kind}") from error
+        raise bad_input(path, f"cannot hold this: {error}", f"{form.named} whose arrays fit") from error
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         for name in schema:
@@ -91,12 +96,12 @@ def read_arrays(path: PathLike, form: Form, make: Callable[[Arrays], T], only: C
 
     Of `only` some arrays are read, shapes and numbers are checked, but not whether they fit the others.
     """
-    expected = f"a {form.kind} of format version {form.version}"
+    expected = f"{form.named} of format version {form.version}"
     data = read_bytes(path, expected)
 
     def check_mark(name: str, values: NDArray[Any]) -> None:
         if name == "magic" and values.tobytes() != form.mark:
-            raise InputError(f"does not carry the mark of a {form.kind}")
+            raise InputError(f"does not carry the mark of {form.named}")
         if name == "version" and (values.shape != () or int(values) != form.version):
             raise InputError(f"has the format version {str(values.tolist())[:40]}{_way_out(form, values)}")
 

@@ -22,6 +22,7 @@ Faces = NDArray[np.int32]
 _SCALE = 100  # of capacities, which the maximum flow takes as whole numbers
 _LARGEST = 1 << 24  # so that sums stay within 32 bits
 _BOX, _JITTER = 1.0, 0.05  # margin and disorder of the box around all points, over their extent
+_SHIFT = 1e-7  # of points, over their extent: lattices have flat tetrahedra, among which a ray finds no way
 _FOUR = 4
 
 
@@ -130,12 +131,19 @@ def _tetrahedra(xyz: FloatArray, origins: FloatArray) -> _Cells:
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
     jitter = np.random.default_rng(0).uniform(-_JITTER, _JITTER, corners.shape)
     box = low - _BOX * size + corners * (high - low + 2 * _BOX * size) + jitter * size
+    places = xyz - middle + _SHIFT * size * _disorder(xyz)
     try:
-        mesh = Delaunay(np.concatenate([xyz - middle, box]))
+        mesh = Delaunay(np.concatenate([places, box]))
     except QhullError as error:
         raise GeometryError(f"map: {len(xyz)} landmarks have no tetrahedra ({str(error).split(chr(10))[0]})") from error
     points = np.ascontiguousarray(mesh.points) + middle
     return _Cells(points, np.ascontiguousarray(mesh.simplices), np.ascontiguousarray(mesh.neighbors))
+
+
+def _disorder(xyz: FloatArray) -> FloatArray:
+    """Numbers of -1 to 1 for each point, (N, 3), the same for points in one place."""
+    _, place = np.unique(xyz, axis=0, return_inverse=True)
+    return np.random.default_rng(1).uniform(-1, 1, xyz.shape)[place.ravel()]
 
 
 def _full(cells: _Cells, rays: Rays, settings: SurfaceSettings) -> BoolArray:
