@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from benchmarks.mapping_measures import manifold_faults
 from tspslam import GeometryError, InputError, Session, Settings, Tracked, Trajectory, build_map, load_map
 from tspslam.io import read_frame
 from tspslam.mapping.settings import Mapping, SurfaceSettings
@@ -14,7 +15,6 @@ from tspslam.run.map import join_keyframes, kept_keyframes, stored_keyframes
 from tspslam.run.pipeline import OnePair, run
 from tspslam.topological_map import TopologicalMap
 
-from benchmarks.mapping_measures import manifold_faults
 from ..sequences import DETECTOR, SETTINGS, SMALL_RIG, corridor
 
 STAGES = Settings(detector=DETECTOR)
@@ -25,7 +25,9 @@ def arrays(one, prefix=""):
     found = {}
     for each in fields(one) if hasattr(one, "__dataclass_fields__") else ():
         value = getattr(one, each.name)
-        found |= {prefix + each.name: value} if isinstance(value, np.ndarray) else arrays(value, f"{prefix}{each.name}.")
+        found |= (
+            {prefix + each.name: value} if isinstance(value, np.ndarray) else arrays(value, f"{prefix}{each.name}.")
+        )
     if isinstance(one, tuple):
         found |= {f"{prefix}{k}": value for k, value in enumerate(one)}
     return found
@@ -132,7 +134,7 @@ def test_poses_from_elsewhere_make_a_map_of_all_points(walk):
         made = build_map(session)
     assert len(made) > 500
     assert not any(manifold_faults(made.surface.faces, len(made)))
-    assert np.median(np.abs(made.xyz[:, 1][made.xyz[:, 1] > 1.2] - 1.4)) < 0.02  # the floor
+    assert np.median(np.abs(made.xyz[:, 1][made.xyz[:, 1] > 1.2] - 1.4)) < 0.05  # the floor
 
 
 @pytest.mark.parametrize(
@@ -196,8 +198,8 @@ def test_a_live_map_grows_with_the_session_and_ends_near_the_final_one(walk):
         session.finish()
         final = build_map(session)
         last = live.update()
-    assert sizes[0] > 0
-    assert sizes[-1] > sizes[1]
+    assert sizes[0] == 0
+    assert sizes[-1] > sizes[1] > 0
     assert not any(manifold_faults(last.surface.faces, len(last)))
     assert len(np.intersect1d(last.landmark_id, final.landmark_id)) > 0.8 * len(final)
     assert last.keyframes.tolist() == final.keyframes.tolist()

@@ -10,8 +10,8 @@ from typing import Any
 
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
-from ..datasets import open_sequence
 from .._stopwatch import Stopwatch
+from ..datasets import open_sequence
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
@@ -277,7 +277,6 @@ def write_results(
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
         write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
-    pass
     run_path = folder.write_run(record)
     report.write_report(frame, record, drawn, folder.report_path)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
