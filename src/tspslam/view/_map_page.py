@@ -56,7 +56,7 @@ def show_faces(axes: Axes, outlook: Outlook, rgb: FloatArray, ok: BoolArray) -> 
     """Paint each face, (F,), in its colour, (F, 3); those that are not `ok` in the pale tint."""
     pixels = outlook.paint(np.where(ok[:, None], rgb, to_rgb(PALE)), np.array(to_rgb(BACKDROP)))
     height, width = outlook.size
-    axes.imshow(pixels, interpolation="antialiased", aspect="auto", extent=(-0.5, width - 0.5, height - 0.5, -0.5))
+    axes.imshow(pixels, interpolation="nearest", aspect="auto", extent=(-0.5, width - 0.5, height - 0.5, -0.5))
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     if not (outlook.owner >= 0).any():
