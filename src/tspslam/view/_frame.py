@@ -11,6 +11,7 @@ from .._brief import Brief
 from .._checks import require
 from ..errors import InputError
 from ..frame import Frame
+from ..topological_map import TopologicalMap
 from ..types import (
     REC601,
     UNIT_OF,
@@ -109,7 +110,13 @@ def depth(frame: Frame) -> Shown:
     return Shown(np.where(ok, frame.cloud.xyz[:, 2], 0.0), ok)
 
 
-def log_magnitude(frame: Frame) -> tuple[Shown, int]:
+def texture(signal: FloatArray) -> FloatArray:
+    """Colours (n, 3) of a signal: itself if it has three channels, else the grey of their mean."""
+    rgb = signal if is_colour(signal) else np.repeat(one_channel(signal)[:, None], 3, axis=1)
+    return np.clip(0.08 + 0.92 * rgb, 0, 1)
+
+
+def log_magnitude(frame: Frame | TopologicalMap) -> tuple[Shown, int]:
     """``log10 |r|`` of each vertex where r is defined and not 0, and the number of vertices where it is exactly 0.
 
     The filter is linear, so the mean over channels is the response to the mean signal.

@@ -64,7 +64,7 @@ class View(Brief):
 
 
 @dataclass(frozen=True)
-class _Mesh:
+class Mesh:
     """The part of a frame's mesh that is shown: vertices in plotly's axes, faces into them."""
 
     xyz: NDArray[np.float32]  # x right, z forward, -y up
@@ -86,9 +86,13 @@ def scene_views(frame: Frame) -> list[View]:
 
 def scene_figure(views: list[View]) -> go.Figure:
     """Put every trace in one figure, the first view's visible, upright, with equal axes."""
-    traces = [trace for view in views for trace in view.traces]
+    return figure_of([trace for view in views for trace in view.traces], len(views[0].traces), EYE)
+
+
+def figure_of(traces: list[Trace], shown: int, eye: FloatArray) -> go.Figure:
+    """Put traces in one figure, the first `shown` visible, upright, with equal axes, seen from `eye`."""
     for number, trace in enumerate(traces):
-        trace.visible = number < len(views[0].traces)
+        trace.visible = number < shown
     axis = {
         "showbackground": False,
         "gridcolor": GRID,
@@ -104,7 +108,7 @@ def scene_figure(views: list[View]) -> go.Figure:
         for k, (key, name) in enumerate(names.items())
     }
     size = (high - low) / (np.linalg.norm(high - low) / 2)
-    camera = {"eye": dict(zip("xyz", EYE.tolist(), strict=True)), "center": CENTRE}
+    camera = {"eye": dict(zip("xyz", eye.tolist(), strict=True)), "center": CENTRE}
     ratio = dict(zip("xyz", size.tolist(), strict=True))
     layout = go.Layout(
         scene={**scene, "aspectmode": "manual", "aspectratio": ratio, "camera": camera, "dragmode": "turntable"},
@@ -144,14 +148,14 @@ def _step(count: int, most: int) -> int:
     return max(1, -(-count // most))
 
 
-def _mesh(frame: Frame, keep: BoolArray) -> _Mesh:
+def _mesh(frame: Frame, keep: BoolArray) -> Mesh:
     faces = frame.complex_.faces
     rows = np.flatnonzero(keep[faces].all(axis=1))
     rows = rows[:: _step(len(rows), MAX_FACES)]
     vertices = np.unique(faces[rows]).astype(np.int64) if len(rows) else np.flatnonzero(keep)
     renumbered = np.searchsorted(vertices, faces[rows]).astype(np.int32)
     xyz = frame.cloud.xyz[vertices]
-    return _Mesh(_upright(xyz), vertices, _towards_camera(xyz, renumbered), rows)
+    return Mesh(upright(xyz), vertices, _towards_camera(xyz, renumbered), rows)
 
 
 def _towards_camera(xyz: FloatArray, faces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -161,7 +165,8 @@ def _towards_camera(xyz: FloatArray, faces: NDArray[np.int32]) -> NDArray[np.int
     return np.where(away[:, None], faces[:, [0, 2, 1]], faces)
 
 
-def _upright(xyz: FloatArray) -> NDArray[np.float32]:
+def upright(xyz: FloatArray) -> NDArray[np.float32]:
+    """Places in plotly's axes."""
     return np.stack([xyz[:, 0], xyz[:, 2], -xyz[:, 1]], axis=1).astype(np.float32)
 
 
@@ -184,7 +189,7 @@ def _depth(frame: Frame) -> tuple[str, Shown]:
     return LOG_DEPTH, Shown(np.log10(np.where(shown.ok, shown.values, 1.0)), shown.ok)
 
 
-def _face_views(frame: Frame, mesh: _Mesh) -> list[View]:
+def _face_views(frame: Frame, mesh: Mesh) -> list[View]:
     faces = frame.complex_.faces
     luminance = Shown(one_channel(frame.signals.face), frame.signals.face_ok)
     views = [View("Face signal", _coloured(mesh, luminance, LUMINANCE, GREYS))]
@@ -197,47 +202,49 @@ def _face_views(frame: Frame, mesh: _Mesh) -> list[View]:
     return views
 
 
-def _coloured(mesh: _Mesh, at_faces: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
+def _coloured(mesh: Mesh, at_faces: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
     """Faces in one colour each; those without a value in plain grey."""
     values, ok = at_faces.values[mesh.rows], at_faces.ok[mesh.rows]
     traces = []
     if ok.any():
         traces.append(_trace(mesh, mesh.faces[ok], values[ok], "cell", unit, scale))
     if not ok.all():
-        traces.append(_bare(mesh, mesh.faces[~ok]))
+        traces.append(bare(mesh, mesh.faces[~ok]))
     return tuple(traces)
 
 
-def _smooth(mesh: _Mesh, at_vertices: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
+def _smooth(mesh: Mesh, at_vertices: Shown, unit: str, scale: Any) -> tuple[Trace, ...]:
     """Faces shaded between their vertices; those with a vertex without a value in plain grey."""
     values, ok = at_vertices.values[mesh.vertices], at_vertices.ok[mesh.vertices][mesh.faces].all(axis=1)
     traces = []
     if ok.any():
         traces.append(_trace(mesh, mesh.faces[ok], values, "vertex", unit, scale))
     if not ok.all():
-        traces.append(_bare(mesh, mesh.faces[~ok]))
+        traces.append(bare(mesh, mesh.faces[~ok]))
     return tuple(traces)
 
 
-def _trace(mesh: _Mesh, faces: NDArray[np.int32], values: FloatArray, mode: str, unit: str, scale: Any) -> Trace:
+def _trace(mesh: Mesh, faces: NDArray[np.int32], values: FloatArray, mode: str, unit: str, scale: Any) -> Trace:
     low, high = _range(values, unit)
     return go.Mesh3d(
-        **_geometry(mesh, faces),
+        **geometry(mesh, faces),
         intensity=values.astype(np.float32),
         intensitymode=mode,
         colorscale=scale,
         cmin=low,
         cmax=high,
-        colorbar=_colour_bar(unit, low, high),
+        colorbar=colour_bar(unit, low, high),
         hovertemplate=HOVER,
     )
 
 
-def _bare(mesh: _Mesh, faces: NDArray[np.int32]) -> Trace:
-    return go.Mesh3d(**_geometry(mesh, faces), color=BARE, opacity=0.4, hoverinfo="skip")
+def bare(mesh: Mesh, faces: NDArray[np.int32]) -> Trace:
+    """Faces without a value."""
+    return go.Mesh3d(**geometry(mesh, faces), color=BARE, opacity=0.4, hoverinfo="skip")
 
 
-def _geometry(mesh: _Mesh, faces: NDArray[np.int32]) -> dict[str, Any]:
+def geometry(mesh: Mesh, faces: NDArray[np.int32]) -> dict[str, Any]:
+    """Where faces are, and how they are lit."""
     x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz.T)
     i, j, k = (np.ascontiguousarray(c) for c in faces.T)
     return {
@@ -259,7 +266,8 @@ def _range(values: FloatArray, unit: str) -> tuple[float, float]:
     return (0.0, 1.0) if unit == LUMINANCE else limits(values)
 
 
-def _colour_bar(unit: str, low: float, high: float) -> dict[str, Any]:
+def colour_bar(unit: str, low: float, high: float) -> dict[str, Any]:
+    """The scale beside a scene."""
     title = {"text": unit, "side": "right"}
     bar: dict[str, Any] = {"title": title, "thickness": 12, "len": 0.7, "outlinewidth": 0, "x": 1}
     if unit == LOG_DEPTH:
@@ -271,7 +279,7 @@ def _colour_bar(unit: str, low: float, high: float) -> dict[str, Any]:
     return bar
 
 
-def _dot_views(frame: Frame, mesh: _Mesh) -> list[View]:
+def _dot_views(frame: Frame, mesh: Mesh) -> list[View]:
     views = []
     for label, unit, shown, scale in _levels(frame):
         ok = shown.ok[mesh.vertices]
@@ -279,7 +287,7 @@ def _dot_views(frame: Frame, mesh: _Mesh) -> list[View]:
         if len(values):
             low, high = _range(values, unit)
             marker = {"size": 3, "color": values.astype(np.float32), "colorscale": scale, "cmin": low, "cmax": high}
-            marker |= {"colorbar": _colour_bar(unit, low, high)}
+            marker |= {"colorbar": colour_bar(unit, low, high)}
             x, y, z = (np.ascontiguousarray(c) for c in mesh.xyz[ok].T)
             views.append(
                 View(label, (go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=HOVER),))
@@ -294,9 +302,9 @@ def _edge_view(frame: Frame, keep: BoolArray) -> View | None:
     if not len(rows):
         return None
     rows = rows[:: _step(int(keep[edges].all(axis=1).sum()), MAX_EDGES)]
-    ends = _upright(frame.cloud.xyz[edges[rows].ravel()]).reshape(-1, 2, 3)
+    ends = upright(frame.cloud.xyz[edges[rows].ravel()]).reshape(-1, 2, 3)
     x, y, z = ([c for a, b in ends[:, :, axis].tolist() for c in (a, b, None)] for axis in range(3))
     values = np.repeat(one_channel(signals.edge)[rows], 3).astype(np.float32)
     line = {"color": values, "colorscale": "Viridis", "cmin": 0.0, "cmax": 1.0, "width": 3}
-    line |= {"colorbar": _colour_bar(LUMINANCE, 0.0, 1.0)}
+    line |= {"colorbar": colour_bar(LUMINANCE, 0.0, 1.0)}
     return View("Edge signal", (go.Scatter3d(x=x, y=y, z=z, mode="lines", line=line, hoverinfo="skip"),))

@@ -30,6 +30,7 @@ from ._frame import (
     phase,
     phase_on_faces,
     projected,
+    texture,
     wide,
 )
 
@@ -294,9 +295,9 @@ def signal_view(frame: Frame) -> Figure:
         frame,
         "Mesh and face signal in space",
         _space_caption(frame, what, signals.face_ok),
-        face_rgb=_texture(signals.face),
+        face_rgb=texture(signals.face),
         face_ok=signals.face_ok,
-        vertex_rgb=_texture(signals.vertex),
+        vertex_rgb=texture(signals.vertex),
         side=False,
     )
     return figure
@@ -333,12 +334,6 @@ def _space_caption(frame: Frame, what: str, face_ok: BoolArray) -> str:
     bare = int((~face_ok[faces]).sum())
     caption += f" Pale grey: {_count(bare, 'face')} without a value." if bare else ""
     return caption + _missing(len(face_ok) - len(faces), "face", "far off the rest or unseen")
-
-
-def _texture(signal: FloatArray) -> FloatArray:
-    """Colours (n, 3) of a signal: itself if it has three channels, else the grey of their mean."""
-    rgb = signal if is_colour(signal) else np.repeat(one_channel(signal)[:, None], 3, axis=1)
-    return np.clip(0.08 + 0.92 * rgb, 0, 1)
 
 
 def _norm(shown: Shown, low: float = 1.0, high: float = 99.0) -> Normalize:

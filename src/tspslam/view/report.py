@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import io
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image as PillowImage
-
-from .. import __version__
 from .._atomic import make_folder, write_bytes
-from ..errors import InputError
 from ..frame import Frame
+from ..topological_map import TopologicalMap
 from ._frame import check_frame
-from ._page import SCRIPT, STYLE
+from ._html import figures, page_of, scene, shown_value, text, tiles
+from ._map_section import MAP_CAPTIONS, map_section
 
-CITATION = (
-    "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
-)
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
-)
 LONG_TABLE = 14  # rows; longer ones are folded
 FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
 UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
@@ -75,12 +61,20 @@ CAPTIONS = {
 }
 
 
-def write_report(frame: Frame, run: Mapping[str, Any], pictures: Sequence[Path], path: str | Path) -> Path:
+def write_report(
+    frame: Frame,
+    run: Mapping[str, Any],
+    pictures: Sequence[Path],
+    path: str | Path,
+    *,
+    map_: TopologicalMap | None = None,
+) -> Path:
     """Write a report as one HTML file that loads nothing from anywhere.
 
     It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. Of a
-    run of several frames the headline is the run's, and it is said which frame the mesh is of. A content security
-    policy in the page forbids every request. One set of versions gives the same input the same bytes.
+    run of several frames the headline is the run's, and it is said which frame the mesh is of; with a map, the map is
+    there to turn, and stands before what is shown of the frame. A content security policy in the page forbids every
+    request. One set of versions gives the same input the same bytes.
 
     Parameters
     ----------
@@ -92,9 +86,11 @@ def write_report(frame: Frame, run: Mapping[str, Any], pictures: Sequence[Path],
         table with a row each (such as one row a frame); ``warnings``, a list of ``{"code", "message"}`` or strings,
         stands on top.
     pictures : sequence of Path
-        What `write_pictures` returned, or any other images.
+        What `write_pictures` and `write_map_pictures` returned, or any other images.
     path : path
         The HTML file.
+    map_ : TopologicalMap, optional
+        The map of a run of several frames.
 
     Returns
     -------
@@ -104,7 +100,7 @@ def write_report(frame: Frame, run: Mapping[str, Any], pictures: Sequence[Path],
     Raises
     ------
     InputError
-        If the parts of the frame do not belong together, or a picture is not an image that can be read.
+        If the parts of the frame or of the map do not belong together, or a picture is not an image that can be read.
     OutputError
         If the file cannot be written.
 
@@ -119,31 +115,24 @@ def write_report(frame: Frame, run: Mapping[str, Any], pictures: Sequence[Path],
     >>> frame = Frame(0, 0.0, "toy", rig, cloud, Surface(faces), complex_, signals, response, image=image)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     page = write_report(frame, {"status": "complete", "frames": 1}, [], f"{folder}/report.html")
-    ...     page.read_text(encoding="utf-8")[:15]
+    ...     page.readtext(encoding="utf-8")[:15]
     '<!DOCTYPE html>'
     """
     check_frame(frame)
+    of_map = [picture for picture in pictures if map_ is not None and Path(picture).stem in MAP_CAPTIONS]
     sections = [
         _header(frame, run),
         _warnings(run.get("warnings") or []),
-        _shown(frame, run),
-        _scene(frame),
+        "" if map_ is None else map_section(map_, of_map),
+        _shown(frame, run, with_scene=map_ is None),
+        _scene(frame) if map_ is None else "",
         _numbers(run, folded=False),
-        _pictures(pictures),
+        _pictures([picture for picture in pictures if picture not in of_map]),
         _numbers(run, folded=True),
     ]
-    title = html.escape(f"TSP-SLAM report: {_title(frame, run)}")
-    page = (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
-        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(section for section in sections if section)
-        + f"\n</main>\n<footer><p>tspslam {html.escape(__version__)}</p><p>{CITATION}</p></footer>\n</body>\n</html>\n"
-    )
+    words = page_of(f"TSP-SLAM report: {_title(frame, run)}", sections)
     make_folder(Path(path).parent)
-    write_bytes(path, page.encode("utf-8", "replace"))
+    write_bytes(path, words.encode("utf-8", "replace"))
     return Path(path)
 
 
@@ -154,11 +143,6 @@ def _is_of_several(run: Mapping[str, Any]) -> bool:
 
 def _title(frame: Frame, run: Mapping[str, Any]) -> str:
     return str(run.get("source", frame.name)) if _is_of_several(run) else frame.name
-
-
-def _tiles(tiles: Sequence[tuple[str, Any]]) -> str:
-    cells = "".join(f'<div class="tile"><b>{_value(v)}</b><span>{_text(k)}</span></div>' for k, v in tiles)
-    return f'<div class="tiles">{cells}</div>'
 
 
 def _sizes(frame: Frame) -> list[tuple[str, Any]]:
@@ -182,25 +166,26 @@ def _counts(run: Mapping[str, Any]) -> list[tuple[str, Any]]:
     return [(key, counts[key]) for key in order if key in counts]
 
 
-def _shown(frame: Frame, run: Mapping[str, Any]) -> str:
+def _shown(frame: Frame, run: Mapping[str, Any], *, with_scene: bool) -> str:
     """Which of several frames the rest of the page shows, and its sizes."""
     if not _is_of_several(run):
         return ""
+    what, frames = "The mesh in space, and the pictures" if with_scene else "The pictures below", run["frames"]
     return (
-        f'<section><h2>Frame {_text(frame.name)}</h2><p class="quiet">The mesh in space, and the pictures but for the '
-        f"path, are of this one of {_value(run['frames'])} frames; the numbers above and the tables are of the run."
-        f"</p>{_tiles(_sizes(frame))}</section>"
+        f'<section><h2>Frame {text(frame.name)}</h2><p class="quiet">{what} but for the '
+        f"path, are of this one of {shown_value(frames)} frames; the numbers above and the tables are of the run."
+        f"</p>{tiles(_sizes(frame))}</section>"
     )
 
 
 def _header(frame: Frame, run: Mapping[str, Any]) -> str:
-    tiles = _counts(run) if _is_of_several(run) else _sizes(frame)
+    numbers = _counts(run) if _is_of_several(run) else _sizes(frame)
     status = str(run.get("status", ""))
     tone = "good" if status == "complete" else "note"
-    badge = f'<span class="badge {tone}">{_text(status)}</span>' if status else ""
+    badge = f'<span class="badge {tone}">{text(status)}</span>' if status else ""
     return (
-        f'<header><p class="kicker">TSP-SLAM report</p><h1>{_text(_title(frame, run))}{badge}</h1>'
-        f"{_tiles(tiles)}</header>"
+        f'<header><p class="kicker">TSP-SLAM report</p><h1>{text(_title(frame, run))}{badge}</h1>'
+        f"{tiles(numbers)}</header>"
     )
 
 
@@ -208,9 +193,9 @@ def _warnings(warnings: Any) -> str:
     items = []
     for warning in warnings if isinstance(warnings, list | tuple) else [warnings]:
         if isinstance(warning, Mapping):
-            items.append(f"<li><b>{_text(warning.get('code', 'warning'))}</b> {_text(warning.get('message', ''))}</li>")
+            items.append(f"<li><b>{text(warning.get('code', 'warning'))}</b> {text(warning.get('message', ''))}</li>")
         else:
-            items.append(f"<li>{_text(warning)}</li>")
+            items.append(f"<li>{text(warning)}</li>")
     return f'<section class="warnings"><h2>Warnings</h2><ul>{"".join(items)}</ul></section>' if items else ""
 
 
@@ -220,27 +205,14 @@ def _scene(frame: Frame) -> str:
     views = scene_views(frame)
     if not views:
         return '<section><h2>The mesh in space</h2><p class="quiet">This frame has no points to show.</p></section>'
-    plot = scene_figure(views).to_html(
-        include_plotlyjs=True,
-        include_mathjax=False,
-        full_html=False,
-        div_id="mesh",
-        config={"displaylogo": False, "responsive": True, "displayModeBar": False},
-    )
     buttons, start = [], 0
-    for number, view in enumerate(views):
-        pressed = "true" if number == 0 else "false"
-        span = f'data-first="{start}" data-count="{len(view.traces)}"'
-        buttons.append(f'<button type="button" aria-pressed="{pressed}" {span}>{_text(view.label)}</button>')
+    for view in views:
+        buttons.append((view.label, start, len(view.traces)))
         start += len(view.traces)
     what = "mesh" if len(frame.complex_.faces) else "points"
     note = f"Drag to turn, scroll to zoom. Grey: no value.{thinned(frame)}"
-    return (
-        f'<section class="scene"><h2>The {what} in space</h2>'
-        f'<div class="switch" role="group" aria-label="Signal">{"".join(buttons)}</div>'
-        f'<div class="plot">{plot}</div><p class="quiet">{_text(note)} '
-        f'<button type="button" class="reset">Reset the view</button></p><script>{SCRIPT}</script></section>'
-    )
+    plot = scene(scene_figure(views), buttons, note)
+    return f'<section class="scene"><h2>The {what} in space</h2>{plot}</section>'
 
 
 def _numbers(run: Mapping[str, Any], *, folded: bool) -> str:
@@ -284,10 +256,10 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 def _card(key: str, rows: list[list[Any]], columns: list[str], *, folded: bool) -> str:
     if columns:
         head = "<thead><tr>" + "".join(f'<th scope="col">{_label(c)}</th>' for c in columns) + "</tr></thead>"
-        body = "".join("<tr>" + "".join(f"<td>{_value(v)}</td>" for v in row) + "</tr>" for row in rows)
+        body = "".join("<tr>" + "".join(f"<td>{shown_value(v)}</td>" for v in row) + "</tr>" for row in rows)
     else:
         head = ""
-        body = "".join(f'<tr><th scope="row">{_label(k)}</th><td>{_value(v)}</td></tr>' for k, v in rows)
+        body = "".join(f'<tr><th scope="row">{_label(k)}</th><td>{shown_value(v)}</td></tr>' for k, v in rows)
     table = f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
     wide = " wide" if columns else ""
     if folded:
@@ -301,48 +273,9 @@ def _label(key: Any) -> str:
     """A key in words, with its unit: ``vertical_offset_px`` becomes "vertical offset [px]"."""
     words = NAMES.get(str(key), str(key)).split("_")
     unit = UNITS.get(words[-1].lower()) if len(words) > 1 else None
-    return _text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
-    if isinstance(value, float):
-        return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
-    if isinstance(value, list | tuple):
-        return ", ".join(_value(v) for v in value) or "–"
-    return _text(value)
-
-
-def _text(value: Any) -> str:
-    return html.escape(str(value))
+    return text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
 
 
 def _pictures(paths: Sequence[Path]) -> str:
-    figures = []
-    for path in paths:
-        title, caption = CAPTIONS.get(Path(path).stem, (Path(path).stem, ""))
-        data, width, height = _embedded(Path(path))
-        figures.append(
-            f'<figure><img src="data:image/jpeg;base64,{data}" width="{width}" height="{height}" alt="{_text(title)}">'
-            f"<figcaption><b>{_text(title)}.</b> {_text(caption)}</figcaption></figure>"
-        )
-    return f'<section class="pictures"><h2>Pictures</h2>{"".join(figures)}</section>' if figures else ""
-
-
-def _embedded(path: Path) -> tuple[str, int, int]:
-    """A picture as base64 JPEG, a third of the PNG's size, with its width and height, px."""
-    buffer = io.BytesIO()
-    try:
-        with PillowImage.open(path) as picture:
-            width, height = picture.size
-            picture.convert("RGB").save(buffer, "JPEG", quality=90, subsampling=0)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(f"report: {path} is not a picture that can be read ({error})") from error
-    return base64.b64encode(buffer.getvalue()).decode("ascii"), width, height
+    shown = figures(paths, CAPTIONS | MAP_CAPTIONS)
+    return f'<section class="pictures"><h2>Pictures</h2>{shown}</section>' if shown else ""

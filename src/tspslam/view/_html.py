@@ -1,0 +1,123 @@
+"""Pieces of the report's page: numbers in tiles, pictures that are part of the file, a scene to turn."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from .. import __version__
+from ..errors import InputError
+from ._page import SCRIPT, STYLE
+
+CITATION = (
+    "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
+)
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
+)
+
+
+def page_of(title: str, sections: Sequence[str]) -> str:
+    """One page of sections, with its style; nothing is loaded from anywhere."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
+        f"<title>{text(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(section for section in sections if section)
+        + f"\n</main>\n<footer><p>tspslam {text(__version__)}</p><p>{CITATION}</p></footer>\n</body>\n</html>\n"
+    )
+
+
+def tiles(numbers: Sequence[tuple[str, Any]]) -> str:
+    """Numbers, large, each over its name."""
+    cells = "".join(f'<div class="tile"><b>{shown_value(v)}</b><span>{text(k)}</span></div>' for k, v in numbers)
+    return f'<div class="tiles">{cells}</div>'
+
+
+def figures(paths: Sequence[Path], captions: Mapping[str, tuple[str, str]], quality: int = 90) -> str:
+    """Pictures with what they show, as JPEG of some quality inside the page."""
+    shown = []
+    for path in paths:
+        title, caption = captions.get(Path(path).stem, (Path(path).stem, ""))
+        data, width, height = _embedded(Path(path), quality)
+        shown.append(
+            f'<figure><img src="data:image/jpeg;base64,{data}" width="{width}" height="{height}" alt="{text(title)}">'
+            f"<figcaption><b>{text(title)}.</b> {text(caption)}</figcaption></figure>"
+        )
+    return "".join(shown)
+
+
+def scene(figure: Any, buttons: Sequence[tuple[str, int, int]], note: str) -> str:
+    """A plotly figure to turn, with its library.
+
+    Parameters
+    ----------
+    figure : go.Figure
+        What to show.
+    buttons : sequence of (label, first, count)
+        Which of its traces each button shows; the first is pressed.
+    note : str
+        What stands below it.
+    """
+    plot = figure.to_html(
+        include_plotlyjs=True,
+        include_mathjax=False,
+        full_html=False,
+        div_id="mesh",
+        config={"displaylogo": False, "responsive": True, "displayModeBar": False},
+    )
+    switch = []
+    for number, (label, first, count) in enumerate(buttons):
+        pressed = "true" if number == 0 else "false"
+        span = f'data-first="{first}" data-count="{count}"'
+        switch.append(f'<button type="button" aria-pressed="{pressed}" {span}>{text(label)}</button>')
+    return (
+        f'<div class="switch" role="group" aria-label="Signal">{"".join(switch)}</div>'
+        f'<div class="plot">{plot}</div><p class="quiet">{text(note)} '
+        f'<button type="button" class="reset">Reset the view</button></p><script>{SCRIPT}</script>'
+    )
+
+
+def shown_value(value: Any) -> str:
+    """A value as the page writes it: thin spaces between thousands, a dash for what is not there."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, float):
+        return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, list | tuple):
+        return ", ".join(shown_value(v) for v in value) or "–"
+    return text(value)
+
+
+def text(value: Any) -> str:
+    """Anything as text of the page."""
+    return html.escape(str(value))
+
+
+def _embedded(path: Path, quality: int) -> tuple[str, int, int]:
+    """A picture as base64 JPEG, a third of the PNG's size, with its width and height, px."""
+    buffer = io.BytesIO()
+    try:
+        with PillowImage.open(path) as picture:
+            width, height = picture.size
+            picture.convert("RGB").save(buffer, "JPEG", quality=quality, subsampling=0)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"report: {path} is not a picture that can be read ({error})") from error
+    return base64.b64encode(buffer.getvalue()).decode("ascii"), width, height

@@ -1,0 +1,91 @@
+"""What the report says of a map: numbers, the surface to turn, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..topological_map import TopologicalMap
+from ._html import figures, scene, text, tiles
+from ._map import check_map
+
+MAP_CAPTIONS = {
+    "map_path": (
+        "The map from its path",
+        "One surface over the landmarks of all keyframes, each a single vertex however often it was seen. Above, each "
+        "face in its mean luminance over the keyframes that see it; below, the magnitude of the harmonic response.",
+    ),
+    "map_above": (
+        "The map from above",
+        "The surface, the camera's path, and where the keyframes stand. Faces that look down, a ceiling's, are left "
+        "out.",
+    ),
+    "map_response": (
+        "Response of the map",
+        "The harmonic response as a direction in space: along the surface, toward where luminance grows; a vertex has "
+        "one, whatever keyframe saw it. Hue is its direction on this picture, brightness its magnitude.",
+    ),
+    "map_variance": (
+        "Difference between views",
+        "How much the luminance of a face differs between keyframes, which a single frame cannot tell: what shines, "
+        "moves or is mismatched stands out.",
+    ),
+}
+QUALITY = 80  # of the JPEG pictures: flat triangles stay clean, and the page small
+OFTEN = 3  # observations of a landmark that is seen often
+
+
+def map_section(map_: TopologicalMap, pictures: Sequence[Path]) -> str:
+    """Make the section of a map, which must be whole."""
+    check_map(map_)
+    words = (
+        "All keyframes in one simplicial complex: every vertex is a landmark, every face knows its luminance from all "
+        "views. The numbers and pictures of this section are of the whole run."
+    )
+    return (
+        f'<section class="scene"><h2>The map</h2><p class="quiet">{words}</p>{tiles(map_numbers(map_))}'
+        f'<h2>The map in space</h2>{_scene(map_)}</section><section class="pictures"><h2>Pictures of the map</h2>'
+        f"{figures(pictures, MAP_CAPTIONS, QUALITY)}</section>"
+    )
+
+
+def map_numbers(map_: TopologicalMap) -> list[tuple[str, Any]]:
+    """Names and values of what a map amounts to."""
+    complex_, seen = map_.complex_, np.asarray(map_.view_count.face) > 0
+    often = np.diff(map_.observations.start) >= OFTEN
+    several = map_.direction_count > 1
+    spread = float(np.degrees(np.median(map_.direction_spread[several]))) if several.any() else None
+    return [
+        ("vertices, each a landmark", complex_.n),
+        ("edges", len(complex_.edges)),
+        ("faces", len(complex_.faces)),
+        ("Euler characteristic", complex_.n - len(complex_.edges) + len(complex_.faces)),
+        ("parts", int(map_.part.max()) + 1 if len(map_) else 0),
+        ("keyframes", len(map_.keyframes)),
+        (f"landmarks with {OFTEN} or more observations", _share(often)),
+        ("faces that a keyframe sees within 75°", _share(seen)),
+        ("vertices with a response", _share(map_.defined)),
+        ("spread of a direction over views, median", None if spread is None else f"{spread:.1f}°"),
+        ("exposure, least to most", f"{map_.gain.min():.2f} to {map_.gain.max():.2f}"),
+    ]
+
+
+def _share(which: np.ndarray[Any, np.dtype[np.bool_]]) -> str | None:
+    return f"{100 * float(which.mean()):.0f} %" if len(which) else None
+
+
+def _scene(map_: TopologicalMap) -> str:
+    from ._map_scene import MOST_FACES, map_scene
+
+    if len(map_.surface.faces) > MOST_FACES:
+        words = f"{len(map_.surface.faces)} faces are more than a page shows well; map.vtu holds all of them."
+        return f'<p class="quiet">{text(words)}</p>'
+    made = map_scene(map_)
+    if made is None:
+        return '<p class="quiet">This map has no face to show.</p>'
+    note = "Drag to turn, scroll to zoom. Orange: the camera's path. Grey and clear: seen by no keyframe within 75°."
+    note += f" Vertices not shown, far off: {made.hidden}." if made.hidden else ""
+    return scene(made.figure, made.buttons, note)
