@@ -270,14 +270,16 @@ def write_results(
         The path; of several, there is a picture too.
     """
     from ..view import pictures, report, write_plan_picture
+    from ..view.map_pictures import write_map_pictures
 
     whole = None if made is None or len(made.keyframes) < 2 else made
-    write_maps(folder.map_vtu_path, folder.map_ply_path, frame)
+    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if whole is None else whole)
     drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
         write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
+    drawn += [] if whole is None else write_map_pictures(whole, folder.path / "pictures")
     run_path = folder.write_run(record)
-    report.write_report(frame, record, drawn, folder.report_path)
+    report.write_report(frame, record, drawn, folder.report_path, map_=whole)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)
