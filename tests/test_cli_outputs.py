@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from tests.datasets import standard
+from tests.io.test_topological import map_
 from tests.test_cli import complain, content, type_in
 from tspslam import Frame, InputError, Rig
-from tspslam.io import RunFolder, read_vtu, write_frame, write_ply, write_tum
+from tspslam.io import RunFolder, read_frame, read_ply, read_vtu, write_frame, write_map, write_ply, write_tum
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Signals, Surface
 from tspslam.view import write_path_picture
@@ -156,6 +157,24 @@ def test_an_export_goes_over_maps_of_its_kind_alone(capsys, run, monkeypatch):
         assert (complain(capsys, *words)[0], Path(name).read_bytes()) == (3, before)
         assert type_in(capsys, *words, "--force")[0] == 0
     assert len(read_vtu("grid.vtu").faces) == 1
+
+
+def test_an_export_of_a_run_with_a_map_is_the_map_unless_a_frame_is_named(capsys, run, monkeypatch):
+    monkeypatch.chdir(run.parent)
+    with RunFolder.create(run, {}) as folder:
+        write_map(folder.map_npz_path, map_())
+        folder.record(folder.map_npz_path, input_hash="")
+    assert type_in(capsys, "export", run)[:2] == (0, "wrote run-map.vtu\n")
+    assert type_in(capsys, "export", run, "--to", "ply")[:2] == (0, "wrote run-map.ply\n")
+    assert np.array_equal(read_vtu("run-map.vtu").xyz, map_().xyz)
+    assert np.array_equal(read_ply("run-map.ply").faces, map_().surface.faces)
+    for more in (["--frame", "0"], ["--to", "npz"]):
+        assert type_in(capsys, "export", run, *more)[0] == 0
+    assert np.array_equal(read_vtu("run-000000.vtu").xyz, frame().cloud.xyz)
+    assert np.array_equal(read_frame("run-000000.npz").cloud.xyz, frame().cloud.xyz)
+    (run / "map.npz").write_bytes(b"something else")
+    code, line = complain(capsys, "export", run)
+    assert (code, "map.npz: is missing or was changed since the run" in line) == (3, True)
 
 
 def test_a_suffix_that_says_something_else_is_refused(capsys, run, tmp_path):

@@ -30,7 +30,7 @@ GROUND = {
 }
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
-    "cli": {"run", "view", "settings", "datasets", "io", "vision", "topology", "printing"} | GROUND,
+    "cli": {"run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
     "run": {"session", "settings", "frame", "interop", "datasets", "io", "view", "vision", "topology"} | GROUND,
     "interop": {"datasets", "io", "frame", "vision", "topology"} | GROUND,
     "session": {"settings", "frame", "vision", "topology"} | GROUND,

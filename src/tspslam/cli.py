@@ -10,7 +10,6 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -134,29 +133,23 @@ def filter_command(
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
-    frame: Annotated[int, typer.Option(min=0, help="Index of a keyframe.")] = 0,
+    frame: Annotated[
+        int | None, typer.Option(min=0, help="Index of a keyframe [default: the map as vtu or ply; else 0].")
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option(help="File to write, outside the run folder [default: RUN-FRAME.FORMAT here].")
+        Path | None, typer.Option(help="File to write, outside the run folder [default: RUN-map or RUN-FRAME.FORMAT].")
     ] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one frame of a finished run in another format, without running again."""
-    from .io import RunFolder, read_frame, write_frame
-    from .io.maps import write_map_ply, write_map_vtu
-    from .run.guard import MAPS, check_output, is_inside
+    """Write the map of a finished run, or one of its frames, in another format, without running again."""
+    from .run.export import FORMATS, export
 
-    writers: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply, "npz": write_frame}
-    if to not in writers:
-        raise typer.BadParameter(f"{to!r}, expected one of {', '.join(writers)}", param_hint="--to")
+    if to not in FORMATS:
+        raise typer.BadParameter(f"{to!r}, expected one of {', '.join(FORMATS)}", param_hint="--to")
     if output:
         _check_suffix(output, [to], "--output")
-    stored = RunFolder.open(run).finished_frame(frame)
-    target = output or Path(f"{run.resolve().name}-{frame:06d}.{to}")
-    if is_inside(target, run):
-        raise InputError(f"{target}: lies in the run folder {run}; expected a place outside")
-    check_output(target, MAPS[to], [run, stored], is_forced=force)
-    writers[to](target, read_frame(stored))
+    target = export(run, to, output, frame=frame, is_forced=force)
     _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
 

@@ -104,7 +104,7 @@ def test_numpy_reads_a_map_without_pickles(tmp_path):
         (map_(complex_=dataclasses.replace(map_().complex_, edges=map_().complex_.edges[::-1])), "lexicographic"),
         (map_(view_count=Levels(np.full(5, -1), *map_().view_count[1:])), "view_count_vertex holds -1, where 0"),
         (map_(view_variance=Levels(np.full(5, -0.5), *map_().view_variance[1:])), "variance_vertex holds -0.5, where 0"),
-        (map_(view_variance=Levels(np.zeros((5, 3)), *map_().view_variance[1:])), "variance_edge has shape"),
+        (map_(view_variance=Levels(np.zeros((5, 3)), *map_().view_variance[1:])), "variance_vertex has shape"),
         (map_(signals=dataclasses.replace(map_().signals, edge_pixels=np.full(6, -1))), "edge_pixels holds -1"),
         (map_(response=dataclasses.replace(map_().response, defined=np.ones(5))), "response_defined has dtype"),
         (map_(direction=np.full((5, 3), 0.5)), "neither of length 1 nor 0"),

@@ -13,6 +13,7 @@ from ._frame_schema import COMPLEX_SCHEMA, check_complex
 AGAIN = '"tspslam map RUN" makes it'
 _UNIT = 1e-6  # off length 1, of a direction
 
+_SIZES = {"vertex": "n", "edge": "e", "face": "f"}
 # Letters are sizes that must agree: n vertices, e edges, f faces, m observations, k keyframes, s vertices and one.
 _ARRAYS: Schema = {
     **RIG_SCHEMA,
@@ -20,10 +21,8 @@ _ARRAYS: Schema = {
     "covariance": ("<f8", ("n", 3, 3)),
     "surface_faces": ("<i4", ("f", 3)),
     **COMPLEX_SCHEMA,
-    **{f"view_count_{level}": ("<i4", (size,)) for level, size in (("vertex", "n"), ("edge", "e"), ("face", "f"))},
-    "view_variance_vertex": ("<f8", ("n", "v*")),
-    "view_variance_edge": ("<f8", ("e", "v*")),
-    "view_variance_face": ("<f8", ("f", "v*")),
+    **{f"view_count_{level}": ("<i4", (size,)) for level, size in _SIZES.items()},
+    **{f"view_variance_{level}": ("<f8", (size,)) for level, size in _SIZES.items()},
     "direction": ("<f8", ("n", 3)),
     "direction_spread": ("<f8", ("n",)),
     "direction_count": ("<i4", ("n",)),

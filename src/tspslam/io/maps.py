@@ -1,90 +1,147 @@
-"""One frame as VTU and PLY: every vertex, edge and face with its signals, and the response at the vertices."""
+"""A frame or a map as VTU and PLY: every vertex, edge and face with its signals, and the response at the vertices."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frame import Frame
+from ..topological_map import TopologicalMap
+from ..topology.complex import Complex
 from ..types import FloatArray, Response, one_channel
 from .ply import write_ply
 from .vtu import write_vtu
 
 Columns = dict[str, NDArray[Any]]
+_BEYOND_PLY = ("landmark_id", "direction", "pixels")  # too large, a vector, and known from the VTU
 
 
-def write_maps(vtu: Path, ply: Path, frame: Frame) -> None:
-    """Write a frame's map as VTU and as PLY; see `write_map_vtu` and `write_map_ply`.
+class Layers(NamedTuple):
+    """What is written: a complex, its triangles as they are wound, and columns by name."""
+
+    complex_: Complex
+    xyz: FloatArray
+    faces: NDArray[np.int32]
+    vertex: Columns
+    edge: Columns
+    face: Columns
+
+
+def write_maps(vtu: Path, ply: Path, shown: Frame | TopologicalMap) -> None:
+    """Write a frame or a map as VTU and as PLY; see `write_map_vtu` and `write_map_ply`.
 
     Parameters
     ----------
     vtu, ply : path
         The files.
-    frame : Frame
-        Where the map is from.
+    shown : Frame or TopologicalMap
+        What is written.
     """
-    write_map_vtu(vtu, frame)
-    write_map_ply(ply, frame)
+    write_map_vtu(vtu, shown)
+    write_map_ply(ply, shown)
 
 
-def write_map_vtu(path: Path, frame: Frame) -> None:
-    """Write a frame as VTU: lines and triangles, told apart by the integer cell array ``dim``.
+def write_map_vtu(path: Path, shown: Frame | TopologicalMap) -> None:
+    """Write a frame or a map as VTU: lines and triangles, told apart by the integer cell array ``dim``.
 
     Parameters
     ----------
     path : path
         Where to.
-    frame : Frame
-        Cells carry ``luminance``, ``pixels`` and ``ok``; points also depth and the response (real, imaginary part,
-        magnitude, phase, defined).
+    shown : Frame or TopologicalMap
+        Cells carry ``luminance``, ``pixels`` and ``ok``; points also the response (real, imaginary part, magnitude,
+        phase, defined). Points of a frame have their depth; elements of a map ``views`` and ``variance``, its points
+        ``landmark_id``, ``direction`` and ``direction_spread``, and its triangles are wound as the surface's.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
-    signals = frame.signals
+    layers = _layers(shown)
+    write_vtu(path, layers.complex_, layers.xyz, vertex=layers.vertex, edge=layers.edge, face=layers.face)
+
+
+def write_map_ply(path: Path, shown: Frame | TopologicalMap) -> None:
+    """Write a frame or a map as PLY: vertices and faces with their signals; those of edges, in VTU, break many readers.
+
+    Parameters
+    ----------
+    path : path
+        Where to.
+    shown : Frame or TopologicalMap
+        Vertices also carry their luminance as grey ``red green blue``; those of a map their normals.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    layers = _layers(shown)
+    grey = np.round(255 * np.clip(layers.vertex["luminance"], 0, 1)).astype(np.uint8)
+    vertex = dict.fromkeys(("red", "green", "blue"), grey)
+    if isinstance(shown, TopologicalMap):
+        vertex |= dict(zip(("nx", "ny", "nz"), _normals(layers.xyz, layers.faces).T, strict=True))
+    vertex, face = (
+        {name: values for name, values in columns.items() if name not in _BEYOND_PLY}
+        for columns in (vertex | layers.vertex, layers.face)
+    )
+    write_ply(path, layers.xyz, layers.faces, vertex=vertex, face=face)
+
+
+def _layers(shown: Frame | TopologicalMap) -> Layers:
+    return _of_map(shown) if isinstance(shown, TopologicalMap) else _of_frame(shown)
+
+
+def _of_frame(frame: Frame) -> Layers:
+    signals, xyz = frame.signals, frame.cloud.xyz
+    vertex = _level(signals.vertex, signals.vertex_ok) | {"depth": xyz[:, 2]} | _answer(frame.response)
     edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
     face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
-    write_vtu(path, frame.complex_, frame.cloud.xyz, vertex=_vertex(frame), edge=edge, face=face)
+    return Layers(frame.complex_, xyz, frame.surface.faces, vertex, edge, face)
 
 
-def write_map_ply(path: Path, frame: Frame) -> None:
-    """Write a frame as PLY: vertices and faces with their signals (edge signals break common readers: see VTU).
-
-    Parameters
-    ----------
-    path : path
-        Where to.
-    frame : Frame
-        Vertices also carry their luminance as grey ``red green blue``.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    grey = np.round(255 * np.clip(one_channel(frame.signals.vertex), 0, 1)).astype(np.uint8)
-    vertex = dict.fromkeys(("red", "green", "blue"), grey) | _vertex(frame)
-    face = _level(frame.signals.face, frame.signals.face_ok)
-    write_ply(path, frame.cloud.xyz, frame.surface.faces, vertex=vertex, face=face)
+def _of_map(map_: TopologicalMap) -> Layers:
+    signals = map_.signals
+    own = [
+        _level(signals.vertex, signals.vertex_ok),
+        _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels},
+        _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels},
+    ]
+    views = zip(own, map_.view_count, map_.view_variance, strict=True)
+    vertex, edge, face = (columns | {"views": count, "variance": variance} for columns, count, variance in views)
+    vertex |= {"landmark_id": map_.landmark_id} | _answer(map_.response)
+    vertex |= {"direction": map_.direction, "direction_spread": map_.direction_spread}
+    faces = map_.surface.faces
+    wound = replace(map_.complex_, faces=faces)  # so that viewers light the side that the cameras saw
+    return Layers(wound, map_.xyz, faces, vertex, edge, face)
 
 
-def _vertex(frame: Frame) -> Columns:
-    z = one_channel(frame.response.z)
-    response = Response(z, frame.response.order, frame.response.defined)
-    return _level(frame.signals.vertex, frame.signals.vertex_ok) | {
-        "depth": frame.cloud.xyz[:, 2],
+def _answer(response: Response) -> Columns:
+    z = one_channel(response.z)
+    shown = Response(z, response.order, response.defined)
+    return {
         "response_real": np.ascontiguousarray(z.real),
         "response_imaginary": np.ascontiguousarray(z.imag),
-        "magnitude": response.magnitude,
-        "phase": response.phase,
-        "defined": frame.response.defined.astype(np.uint8),
+        "magnitude": shown.magnitude,
+        "phase": shown.phase,
+        "defined": response.defined.astype(np.uint8),
     }
 
 
 def _level(values: FloatArray, ok: NDArray[np.bool_]) -> Columns:
     return {"luminance": one_channel(values), "ok": ok.astype(np.uint8)}
+
+
+def _normals(xyz: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
+    """Normals of the vertices, weighted with the area of their triangles; 0 where there is none."""
+    a, b, c = (xyz[faces[:, i]] for i in range(3))
+    normals, total = np.cross(b - a, c - a), np.zeros_like(xyz)
+    for i in range(3):
+        np.add.at(total, faces[:, i], normals)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(length > 0, length, 1.0))
