@@ -163,23 +163,13 @@ def map_command(
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Make the map of a finished run anew, with other settings of the map, say: --set mapping.surface.longest=0.3."""
-    from .io import RunFolder, write_map
-    from .io.maps import write_map_ply, write_map_vtu
-    from .run.config import resolve
-    from .run.guard import MAPS, check_output, is_inside
-    from .run.map import build_map
+    """Make the map of a finished run anew, with other settings of it, such as --set mapping.surface.longest=0.3."""
+    from .run.export import MAP_FORMATS, export_map_anew
 
-    writers: dict[str, Callable[[Path, Any], None]] = {"npz": write_map, "vtu": write_map_vtu, "ply": write_map_ply}
     target = output or Path(f"{run.resolve().name}-map.npz")
-    _check_suffix(target, list(writers), "--output")
-    folder = RunFolder.open(run)
-    if is_inside(target, run):
-        raise InputError(f"{target}: lies in the run folder {run}; expected a place outside")
-    kind = target.suffix[1:].lower()
-    check_output(target, MAPS[kind], [run], is_forced=force)
-    made = build_map(run, resolve(file=folder.path / "config.yaml", assignments=assignments or ()).settings.mapping)
-    writers[kind](target, made)
+    _check_suffix(target, list(MAP_FORMATS), "--output")
+    _announce_compilation()
+    made = export_map_anew(run, target, assignments or (), is_forced=force)
     sizes = {"vertices": len(made), "faces": len(made.surface.faces), "keyframes": len(made.keyframes)}
     said = ", ".join(f"{count} {name}" for name, count in sizes.items())
     _say(json.dumps({"written": str(target)} | sizes) if as_json else f"wrote {target}: {said}")
