@@ -228,5 +228,5 @@ def test_two_bearings_from_one_place_are_no_place():
     assert kept.id.tolist() == [0, 1, 2, 4, 5]
     assert np.linalg.eigvalsh(covariance).min() > 0
     alone = Landmarks(np.zeros(1, int), xyz[3:4], seen.take(seen.landmark == 3)._replace(landmark=np.zeros(2, int)))
-    with pytest.raises(GeometryError, match="map: 1 landmarks .* expected some"):
+    with pytest.raises(GeometryError, match=r"map: 1 landmarks .* expected some"):
         measure_covariances(RIG, poses, alone, SETTINGS)
