@@ -137,3 +137,24 @@ def room(count=500, noise=0.0):
     poses = np.array([pose_at(place, turn) for place, turn in zip(places, turns + turns, strict=True)])
     box = synthetic.box(*ROOM, texture=synthetic.Texture(seed=4, texel=0.02))
     return world_of(WIDE, poses, xyz, rendered([box], WIDE, poses), noise)
+
+
+def border_loops(faces):
+    """How many loops the border of a manifold has."""
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    border, count = np.unique(sides, axis=0, return_counts=True)
+    root = {vertex: vertex for vertex in border[count == 1].ravel().tolist()}
+
+    def find(vertex):
+        while root[vertex] != vertex:
+            vertex = root[vertex]
+        return vertex
+
+    for a, b in border[count == 1].tolist():
+        root[find(a)] = find(b)
+    return len({find(vertex) for vertex in root})
+
+
+def names(found):
+    """Faces of a map by their landmarks' numbers."""
+    return {tuple(sorted(face)) for face in found.landmark_id[found.surface.faces].tolist()}
