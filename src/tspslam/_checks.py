@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError
 
 _WAYS = {
+    "TopologicalMap": "what tspslam.build_map makes and tspslam.load_map reads",
     "StereoPair": "tspslam.read_pair(left, right, calib) reads one from files",
     "Rig": "tspslam.load_rig(path) reads one from a file",
     "RawRig": "tspslam.read_calibration(path).cameras is one, where the file has two raw cameras",

@@ -1,4 +1,4 @@
-"""Looking at results: pictures of a frame and a report that needs nothing but a browser.
+"""Looking at results: pictures of a frame or a map, and a report that needs nothing but a browser.
 
 Names are loaded when they are first used, so importing this package does not import matplotlib or plotly.
 """
@@ -10,20 +10,32 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ._frame import phase_colours as phase_colours
+    from .map_pictures import write_map_pictures as write_map_pictures
     from .paths import write_path_picture as write_path_picture
     from .paths import write_plan_picture as write_plan_picture
     from .pictures import write_pictures as write_pictures
     from .report import write_report as write_report
+    from .scene import write_scene as write_scene
 
 _HOME = {
     "phase_colours": "_frame",
+    "write_map_pictures": "map_pictures",
     "write_path_picture": "paths",
     "write_pictures": "pictures",
     "write_plan_picture": "paths",
     "write_report": "report",
+    "write_scene": "scene",
 }
 
-__all__ = ["phase_colours", "write_path_picture", "write_pictures", "write_plan_picture", "write_report"]
+__all__ = [
+    "phase_colours",
+    "write_map_pictures",
+    "write_path_picture",
+    "write_pictures",
+    "write_plan_picture",
+    "write_report",
+    "write_scene",
+]
 
 
 def __getattr__(name: str) -> Any:

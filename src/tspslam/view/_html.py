@@ -45,12 +45,12 @@ def tiles(numbers: Sequence[tuple[str, Any]]) -> str:
     return f'<div class="tiles">{cells}</div>'
 
 
-def figures(paths: Sequence[Path], captions: Mapping[str, tuple[str, str]], quality: int = 90) -> str:
-    """Pictures with what they show, as JPEG of some quality inside the page."""
+def figures(paths: Sequence[Path], captions: Mapping[str, tuple[str, str]], *, is_small: bool = False) -> str:
+    """Pictures with what they show, inside the page; small ones are coarser in colour."""
     shown = []
     for path in paths:
         title, caption = captions.get(Path(path).stem, (Path(path).stem, ""))
-        data, width, height = _embedded(Path(path), quality)
+        data, width, height = _embedded(Path(path), is_small)
         shown.append(
             f'<figure><img src="data:image/jpeg;base64,{data}" width="{width}" height="{height}" alt="{text(title)}">'
             f"<figcaption><b>{text(title)}.</b> {text(caption)}</figcaption></figure>"
@@ -66,7 +66,7 @@ def scene(figure: Any, buttons: Sequence[tuple[str, int, int]], note: str) -> st
     figure : go.Figure
         What to show.
     buttons : sequence of (label, first, count)
-        Which of its traces each button shows; the first is pressed.
+        Which of its traces each button shows; the first is pressed. May be empty.
     note : str
         What stands below it.
     """
@@ -82,9 +82,9 @@ def scene(figure: Any, buttons: Sequence[tuple[str, int, int]], note: str) -> st
         pressed = "true" if number == 0 else "false"
         span = f'data-first="{first}" data-count="{count}"'
         switch.append(f'<button type="button" aria-pressed="{pressed}" {span}>{text(label)}</button>')
+    group = f'<div class="switch" role="group" aria-label="Signal">{"".join(switch)}</div>' if switch else ""
     return (
-        f'<div class="switch" role="group" aria-label="Signal">{"".join(switch)}</div>'
-        f'<div class="plot">{plot}</div><p class="quiet">{text(note)} '
+        f'{group}<div class="plot">{plot}</div><p class="quiet">{text(note)} '
         f'<button type="button" class="reset">Reset the view</button></p><script>{SCRIPT}</script>'
     )
 
@@ -111,13 +111,15 @@ def text(value: Any) -> str:
     return html.escape(str(value))
 
 
-def _embedded(path: Path, quality: int) -> tuple[str, int, int]:
+def _embedded(path: Path, is_small: bool) -> tuple[str, int, int]:
     """A picture as base64 JPEG, a third of the PNG's size, with its width and height, px."""
     buffer = io.BytesIO()
     try:
         with PillowImage.open(path) as picture:
             width, height = picture.size
-            picture.convert("RGB").save(buffer, "JPEG", quality=quality, subsampling=0)
+            picture.convert("RGB").save(
+                buffer, "JPEG", quality=80 if is_small else 90, subsampling=2 if is_small else 0
+            )
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"report: {path} is not a picture that can be read ({error})") from error
     return base64.b64encode(buffer.getvalue()).decode("ascii"), width, height

@@ -16,18 +16,17 @@ from ._scene import GREYS, HOVER, Mesh, Trace, bare, colour_bar, figure_of, geom
 from ._viewpoints import KEPT_PERCENT, is_overhead
 
 MOST_FACES = 60_000  # beyond these the page grows over 6 MB, four fifths of which are plotly's
-CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and there is one button
+CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and all is shown at once
 PATH_COLOUR = "#e8590c"  # legible on a light and on a dark page
-EYE = np.array([-0.75, -0.95, 1.15])  # behind the start, to its left, high above, in radii of the scene
+EYE = np.array([-0.85, -1.15, 1.3])  # behind the start, to its left, high above, in radii of the scene
 
 
 class MapScene(NamedTuple):
-    """A figure, and which of its traces each button shows: label, first, count."""
+    """A figure; which of its traces each button shows: label, first, count; how many vertices lie too far off."""
 
     figure: go.Figure
     buttons: list[tuple[str, int, int]]
     hidden: int
-    """Vertices that lie too far off."""
 
 
 def map_scene(map_: TopologicalMap) -> MapScene | None:
@@ -42,11 +41,11 @@ def map_scene(map_: TopologicalMap) -> MapScene | None:
     hidden = int((~keep).sum())
     if is_ceiling.sum() <= CEILING_SHARE * is_kept.sum() or is_ceiling.sum() == is_kept.sum():
         traces = [*_surface(map_, is_kept, shown, span), *_path(map_)]
-        return MapScene(figure_of(traces, len(traces), EYE), [("Luminance", 0, len(traces))], hidden)
+        return MapScene(figure_of(traces, len(traces), EYE), [], hidden)
     rest = [*_surface(map_, is_kept & ~is_ceiling, shown, span), *_path(map_)]
     above = _surface(map_, is_ceiling, shown, span)
     count = len(rest), len(rest) + len(above)
-    buttons = [("Without what looks down", 0, count[0]), ("Whole surface", 0, count[1])]
+    buttons = [("Without ceiling", 0, count[0]), ("Whole surface", 0, count[1])]
     return MapScene(figure_of([*rest, *above], count[0], EYE), buttons, hidden)
 
 

@@ -34,7 +34,6 @@ MAP_CAPTIONS = {
         "moves or is mismatched stands out.",
     ),
 }
-QUALITY = 80  # of the JPEG pictures: flat triangles stay clean, and the page small
 OFTEN = 3  # observations of a landmark that is seen often
 
 
@@ -47,8 +46,8 @@ def map_section(map_: TopologicalMap, pictures: Sequence[Path]) -> str:
     )
     return (
         f'<section class="scene"><h2>The map</h2><p class="quiet">{words}</p>{tiles(map_numbers(map_))}'
-        f'<h2>The map in space</h2>{_scene(map_)}</section><section class="pictures"><h2>Pictures of the map</h2>'
-        f"{figures(pictures, MAP_CAPTIONS, QUALITY)}</section>"
+        f'<h2>The map in space</h2>{map_to_turn(map_)}</section><section class="pictures"><h2>Pictures of the map</h2>'
+        f"{figures(pictures, MAP_CAPTIONS, is_small=True)}</section>"
     )
 
 
@@ -69,7 +68,7 @@ def map_numbers(map_: TopologicalMap) -> list[tuple[str, Any]]:
         ("faces that a keyframe sees within 75°", _share(seen)),
         ("vertices with a response", _share(map_.defined)),
         ("spread of a direction over views, median", None if spread is None else f"{spread:.1f}°"),
-        ("exposure, least to most", f"{map_.gain.min():.2f} to {map_.gain.max():.2f}"),
+        ("exposure, least to most", f"{map_.gain.min():.2f}–{map_.gain.max():.2f}"),
     ]
 
 
@@ -77,7 +76,8 @@ def _share(which: np.ndarray[Any, np.dtype[np.bool_]]) -> str | None:
     return f"{100 * float(which.mean()):.0f} %" if len(which) else None
 
 
-def _scene(map_: TopologicalMap) -> str:
+def map_to_turn(map_: TopologicalMap) -> str:
+    """Make the interactive scene of a map, or say why there is none."""
     from ._map_scene import MOST_FACES, map_scene
 
     if len(map_.surface.faces) > MOST_FACES:

@@ -9,6 +9,7 @@ from .._jit import kernel
 from ..types import FloatArray
 
 Owners = NDArray[np.int32]
+EDGE = 1e-9  # of a triangle: a pixel between two that meet is in one of them, however its place is rounded
 
 
 def find_owners(corners: FloatArray, rows: NDArray[np.int64], shape: tuple[int, int]) -> Owners:
@@ -99,7 +100,7 @@ def _fill(corners, rows, buffer, owner):  # type: ignore[no-untyped-def]
             for column in range(int(np.ceil(max(0.0, left))), int(np.floor(min(width - 1.0, right))) + 1):
                 b1 = ((column - x0) * y2 - x2 * (row - y0)) / area
                 b2 = (x1 * (row - y0) - (column - x0) * y1) / area
-                if b1 < 0.0 or b2 < 0.0 or b1 + b2 > 1.0:
+                if b1 < -EDGE or b2 < -EDGE or b1 + b2 > 1.0 + EDGE:
                     continue
                 near = n0 + b1 * n1 + b2 * n2
                 if near > buffer[row, column]:

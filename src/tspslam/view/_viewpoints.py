@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from .._brief import Brief
 from ..topological_map import TopologicalMap
 from ..types import BoolArray, FloatArray
+from . import _style as style
 from ._raster import Owners, cut_near, find_owners
 
-WIDTH = 1197  # px of a panel beside a colour bar
 FINER = 2  # pixels of the buffer along one of the picture: edges are smooth
 KEPT_PERCENT = (0.5, 99.5)  # of the vertices along each axis of the picture from above
 MARGIN = 0.04  # of its larger side
@@ -25,7 +25,7 @@ CLEAR_PERCENT = 5  # of the depths in view: what lies nearer to a keyframe is li
 BACK, RAISED = 0.5, 0.2  # of that depth: where the viewer stands, behind the keyframe and above
 NEAREST = 0.05  # of the same: nearer faces are cut off
 STEEP = 0.3  # of a unit normal's part along down: faces that stand up would be hair lines from above
-_BESIDE = [(0, 1), (0, -1), (1, 0), (-1, 0), (0, 2), (0, -2), (2, 0), (-2, 0)]  # px of the buffer: they are drawn wider
+BAND = 1.5  # half the width of their lines, px of the buffer
 
 
 @dataclass(frozen=True, repr=False)
@@ -88,6 +88,11 @@ class Outlook(Brief):
         return np.bincount(self.owner.ravel() + 1, minlength=self.faces + 1)[1:]
 
 
+def panel_width() -> int:
+    """Width of a panel beside a colour bar, px."""
+    return round((style.WIDTH - style.LEFT - style.BAR) * style.DPI)
+
+
 def normals(map_: TopologicalMap) -> FloatArray:
     """Unit normals of the faces, (F, 3), toward the cameras that saw them; 0 where a face has no area."""
     corners = map_.xyz[map_.surface.faces]
@@ -123,10 +128,11 @@ def from_above(map_: TopologicalMap) -> Outlook:
     middle, size = (low + high) / 2, np.maximum(high - low, 1e-6) * (1 + 2 * MARGIN)
     aspect = float(np.clip(size[1] / size[0], LOWEST, TALLEST))
     width = max(size[0], size[1] / aspect)
-    shape = round(WIDTH * aspect), WIDTH
-    corner = middle - width * np.array([1.0, shape[0] / WIDTH]) / 2
+    pixels = panel_width()
+    shape = round(pixels * aspect), pixels
+    corner = middle - width * np.array([1.0, shape[0] / pixels]) / 2
     rows = np.flatnonzero(~is_overhead(map_))
-    return _outlook(map_, rows, axes, np.zeros(3), True, corner, WIDTH / width, shape, 0.0, 0)
+    return _outlook(map_, rows, axes, np.zeros(3), True, corner, pixels / width, shape, 0.0, 0)
 
 
 def _extent(map_: TopologicalMap, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -157,9 +163,10 @@ def from_path(map_: TopologicalMap) -> Outlook:
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(forward, right), forward])
     facing = np.einsum("fi,fi->f", normals(map_), eye - map_.xyz[map_.surface.faces[:, 0]]) > 0
-    shape = round(WIDTH * PATH_ASPECT), WIDTH
-    corner = -HALF_WIDTH * np.array([1.0, shape[0] / WIDTH])
-    scale = WIDTH / (2 * HALF_WIDTH)
+    pixels = panel_width()
+    shape = round(pixels * PATH_ASPECT), pixels
+    corner = -HALF_WIDTH * np.array([1.0, shape[0] / pixels])
+    scale = pixels / (2 * HALF_WIDTH)
     return _outlook(map_, np.flatnonzero(facing), axes, eye, False, corner, scale, shape, NEAREST * clear, keyframe)
 
 
@@ -194,23 +201,24 @@ def _outlook(
         nearness = 1 / corners[..., 2:]
         corners = corners * nearness
     plane = ((corners[..., :2] - corner) * scale + 0.5) * FINER - 0.5
-    shape = FINER * size[0], FINER * size[1]
-    owner = find_owners(np.concatenate([plane, nearness], axis=2), rows[part], shape)
+    triangles, part = np.concatenate([plane, nearness], axis=2), rows[part]
     if is_above:
-        owner = _thicken(owner, np.abs(normals(map_) @ axes[2]) < STEEP)
+        is_steep = np.abs(normals(map_)[rows] @ axes[2]) < STEEP
+        triangles = np.concatenate([triangles, _bands(plane[is_steep], nearness[is_steep])])
+        part = np.concatenate([part, rows[is_steep], rows[is_steep]])
+    owner = find_owners(triangles, part, (FINER * size[0], FINER * size[1]))
     return Outlook(axes, eye, is_above, corner, scale, size, near, keyframe, len(map_.surface.faces), owner)
 
 
-def _thicken(owner: Owners, is_steep: BoolArray) -> Owners:
-    """Draw faces that stand up wider, over what is beside them and does not."""
-    height, width = owner.shape
-    wide = owner.copy()
-    last = np.append(is_steep, False)  # owner -1 is the backdrop
-    row, column = np.nonzero(last[owner])
-    for down, right in _BESIDE:
-        r, c = row + down, column + right
-        is_in = (r >= 0) & (r < height) & (c >= 0) & (c < width)
-        r, c, source = r[is_in], c[is_in], owner[row[is_in], column[is_in]]
-        is_free = ~last[wide[r, c]]
-        wide[r[is_free], c[is_free]] = source[is_free]
-    return wide
+def _bands(plane: FloatArray, nearness: FloatArray) -> FloatArray:
+    """Bands along the longest sides of (F, 3, 2) triangles, two triangles each, (2 F, 3, 3): a wall is a line."""
+    at = np.arange(len(plane))
+    sides = np.roll(plane, -1, axis=1) - plane
+    length = np.linalg.norm(sides, axis=2)
+    longest = length.argmax(axis=1)
+    start, side = plane[at, longest], sides[at, longest]
+    across = np.stack([-side[:, 1], side[:, 0]], axis=1) * BAND / np.maximum(length[at, longest], 1e-12)[:, None]
+    ends = [start - across, start + side - across, start + side + across, start + across]
+    near = np.broadcast_to(nearness.max(axis=1)[:, None], (len(plane), 3, 1))
+    halves = [np.stack([ends[k] for k in rows], axis=1) for rows in ((0, 1, 2), (0, 2, 3))]
+    return np.concatenate([np.concatenate([half, near], axis=2) for half in halves])

@@ -50,6 +50,20 @@ def write_map_pictures(map_: TopologicalMap, folder: str | Path) -> list[Path]:
         If the parts of the map do not belong together.
     OutputError
         If a picture cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from tspslam import Cloud, Frame, Response, Rig, Surface, build_complex, sample_signals
+    >>> from tspslam.mapping.build import map_of_frame
+    >>> uv, faces, image = np.array([[1.0, 1], [8, 2], [3, 7]]), np.array([[0, 1, 2]], np.int32), np.eye(10)
+    >>> rig, complex_ = Rig(10, 10, 5, 5, width=10, height=10), build_complex(faces, 3)
+    >>> cloud = Cloud(np.insert(uv / 10, 2, 5.0, axis=1), uv, np.ones(3))
+    >>> signals, response = sample_signals(image, uv, complex_), Response(np.ones(3, complex), 1, np.ones(3, bool))
+    >>> frame = Frame(0, 0.0, "toy", rig, cloud, Surface(faces), complex_, signals, response, image=image)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.stem for path in write_map_pictures(map_of_frame(frame, rig, np.eye(4)), folder)]
+    ['map_path', 'map_above', 'map_response', 'map_variance']
     """
     check_map(map_)
     views = from_above(map_), from_path(map_)

@@ -10,8 +10,9 @@ from .._atomic import make_folder, write_bytes
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ._frame import check_frame
-from ._html import figures, page_of, scene, shown_value, text, tiles
+from ._html import figures, page_of, shown_value, text, tiles
 from ._map_section import MAP_CAPTIONS, map_section
+from .scene import frame_to_turn
 
 LONG_TABLE = 14  # rows; longer ones are folded
 FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
@@ -107,6 +108,7 @@ def write_report(
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
     >>> from tspslam import Cloud, Frame, Response, Rig, Surface, build_complex, sample_signals
     >>> uv, faces, image = np.array([[1.0, 1], [8, 2], [3, 7]]), np.array([[0, 1, 2]], np.int32), np.eye(10)
     >>> rig, complex_ = Rig(10, 10, 5, 5, width=10, height=10), build_complex(faces, 3)
@@ -125,7 +127,7 @@ def write_report(
         _warnings(run.get("warnings") or []),
         "" if map_ is None else map_section(map_, of_map),
         _shown(frame, run, with_scene=map_ is None),
-        _scene(frame) if map_ is None else "",
+        frame_to_turn(frame) if map_ is None else "",
         _numbers(run, folded=False),
         _pictures([picture for picture in pictures if picture not in of_map]),
         _numbers(run, folded=True),
@@ -197,22 +199,6 @@ def _warnings(warnings: Any) -> str:
         else:
             items.append(f"<li>{text(warning)}</li>")
     return f'<section class="warnings"><h2>Warnings</h2><ul>{"".join(items)}</ul></section>' if items else ""
-
-
-def _scene(frame: Frame) -> str:
-    from ._scene import scene_figure, scene_views, thinned
-
-    views = scene_views(frame)
-    if not views:
-        return '<section><h2>The mesh in space</h2><p class="quiet">This frame has no points to show.</p></section>'
-    buttons, start = [], 0
-    for view in views:
-        buttons.append((view.label, start, len(view.traces)))
-        start += len(view.traces)
-    what = "mesh" if len(frame.complex_.faces) else "points"
-    note = f"Drag to turn, scroll to zoom. Grey: no value.{thinned(frame)}"
-    plot = scene(scene_figure(views), buttons, note)
-    return f'<section class="scene"><h2>The {what} in space</h2>{plot}</section>'
 
 
 def _numbers(run: Mapping[str, Any], *, folded: bool) -> str:
