@@ -19,7 +19,7 @@ import numpy as np
 from tspslam import Rig, Session, build_map, list_settings
 from tspslam.datasets import open_sequence, synthetic
 from tspslam.errors import GeometryError, InputError
-from tspslam.mapping.settings import Mapping as MappingSettings
+from tspslam.mapping.settings import MappingSettings
 from tspslam.run.config import resolve
 from tspslam.topology.texture import luminance
 
@@ -190,7 +190,7 @@ def _in_short(world: World, session: Session, mapping: MappingSettings, cache: P
         return str(error)
     seconds = time.perf_counter() - started
     found = surface_figures(made, world.sequence.rig)
-    said = f"V {len(made)} double {found['double']:.2f} blocked {found['blocked']:.2f} three {found['three sightings']:.0f}"
+    said = f"V {len(made)} double {found['double']:.2f} blocked {found['blocked']:.2f}"
     if world.clean is not None:
         depth, _ = world.truth(np.asarray(made.keyframes), cache)
         truth = truth_figures(made, world, depth)

@@ -31,13 +31,15 @@ GROUND = {
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
     "cli": {"run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
-    "run": {"session", "settings", "frame", "interop", "datasets", "io", "view", "vision", "topology"} | GROUND,
+    "run": {"session", "settings", "frame", "topological_map", "mapping", "interop", "datasets", "io", "view", "vision"}
+    | {"topology"}
+    | GROUND,
     "interop": {"datasets", "io", "frame", "vision", "topology"} | GROUND,
     "session": {"settings", "frame", "vision", "topology"} | GROUND,
-    "settings": {"vision", "topology"} | GROUND,
+    "settings": {"mapping", "vision", "topology"} | GROUND,
     "datasets": {"vision", "io"} | GROUND,
     "io": {"frame", "topological_map", "topology", "vision"} | GROUND,
-    "view": {"frame"} | GROUND,
+    "view": {"frame", "topological_map"} | GROUND,
     "mapping": {"frame", "topological_map", "vision", "topology"} | GROUND,
     "topological_map": {"topology"} | GROUND,
     "frame": {"vision", "topology"} | GROUND,

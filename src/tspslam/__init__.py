@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from .io.runs import StoredRun as StoredRun
     from .io.runs import load_run as load_run
     from .io.topological import load_map as load_map
+    from .mapping.settings import MappingSettings as MappingSettings
+    from .run.live import LiveMap as LiveMap
     from .run.map import build_map as build_map
     from .session import Odometry as Odometry
     from .session import Session as Session
@@ -178,6 +180,8 @@ _HOMES = {
     "vision.calibration.formats": ("read_calibration",),
     "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
+    "mapping.settings": ("MappingSettings",),
+    "run.live": ("LiveMap",),
     "run.map": ("build_map",),
     "session": ("Odometry", "Session"),
     "settings": ("Settings", "list_settings"),

@@ -133,12 +133,8 @@ def filter_command(
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
-    frame: Annotated[
-        int | None, typer.Option(min=0, help="Index of a keyframe [default: the map as vtu or ply; else 0].")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option(help="File to write, outside the run folder [default: RUN-map or RUN-FRAME.FORMAT].")
-    ] = None,
+    frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map, as npz 0].")] = None,
+    output: Annotated[Path | None, typer.Option(help="File outside the run [default: RUN-map or -FRAME.FORMAT].")] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -147,8 +143,7 @@ def export_command(
 
     if to not in FORMATS:
         raise typer.BadParameter(f"{to!r}, expected one of {', '.join(FORMATS)}", param_hint="--to")
-    if output:
-        _check_suffix(output, [to], "--output")
+    _check_suffix(output or Path(f"map.{to}"), [to], "--output")
     target = export(run, to, output, frame=frame, is_forced=force)
     _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
@@ -156,9 +151,7 @@ def export_command(
 @app.command("map")
 def map_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
-    output: Annotated[
-        Path | None, typer.Option(help="File to write: .npz, .vtu or .ply [default: RUN-map.npz here].")
-    ] = None,
+    output: Annotated[Path | None, typer.Option(help="File: .npz, .vtu or .ply [default: RUN-map.npz].")] = None,
     assignments: SetOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -166,13 +159,9 @@ def map_command(
     """Make the map of a finished run anew, with other settings of it, such as --set mapping.surface.longest=0.3."""
     from .run.export import MAP_FORMATS, export_map_anew
 
-    target = output or Path(f"{run.resolve().name}-map.npz")
-    _check_suffix(target, list(MAP_FORMATS), "--output")
-    _announce_compilation()
-    made = export_map_anew(run, target, assignments or (), is_forced=force)
-    sizes = {"vertices": len(made), "faces": len(made.surface.faces), "keyframes": len(made.keyframes)}
-    said = ", ".join(f"{count} {name}" for name, count in sizes.items())
-    _say(json.dumps({"written": str(target)} | sizes) if as_json else f"wrote {target}: {said}")
+    _check_suffix(output or Path("map.npz"), list(MAP_FORMATS), "--output")
+    target = export_map_anew(run, output, assignments or (), is_forced=force)
+    _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
 
 @app.command("eval")

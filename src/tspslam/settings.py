@@ -13,7 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from ._checks import require, require_stage
 from ._settings import YAML_WORDS, describe_range, describe_type, hints_of, read_meanings, setting
 from .errors import InputError
-from .mapping.settings import Mapping
+from .mapping.settings import MappingSettings
 from .topology.complex import Complex
 from .topology.crust import Crust
 from .topology.harmonic import Tmahf
@@ -41,10 +41,10 @@ KINDS: dict[str, dict[str, type]] = {
     "tracking": {"stereo": Tracking},
     "surface": {"delaunay": DelaunaySurface, "crust": Crust},
     "filter": {"tmahf": Tmahf},
-    "mapping": {"topological": Mapping},
+    "mapping": {"topological": MappingSettings},
 }
 """What each stage can be, by the name that its setting ``kind`` has; the first is the default."""
-_PLAIN = {"tracking": Tracking, "mapping": Mapping}  # stages that are values alone, not called
+_PLAIN = {"tracking": Tracking, "mapping": MappingSettings}  # stages that are values alone, not called
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Settings:
         Joins the points to triangles.
     filter : callable, (Complex, uv, Signals) -> Response
         Answers at each vertex.
-    mapping : Mapping
+    mapping : MappingSettings
         How keyframes become one map.
 
     Examples
@@ -83,7 +83,7 @@ class Settings:
         DelaunaySurface(), source="Crust falls to pieces on open sheets: docs/paper"
     )
     filter: Callable[[Complex, FloatArray, Signals], Response] = setting(Tmahf(), source="the paper's")
-    mapping: Mapping = setting(Mapping(), source="the only one")
+    mapping: MappingSettings = setting(MappingSettings(), source="the only one")
 
     def __post_init__(self) -> None:
         """Refuse the name of a stage, or its class, where an object goes that can be called."""
@@ -92,7 +92,8 @@ class Settings:
                 such = next(iter(kinds.values())).__name__
                 require_stage(getattr(self, name), f"settings: {name}", f"{such}()")
         for name, kind in _PLAIN.items():
-            require(getattr(self, name), kind, f"settings: {name}")
+            if not isinstance(getattr(self, name), tuple(KINDS[name].values())):
+                require(getattr(self, name), kind, f"settings: {name}")
 
 
 PRESETS: dict[str, Settings] = {

@@ -10,7 +10,7 @@ from tspslam import Rig
 from tspslam.datasets import synthetic
 from tspslam.datasets.synthetic.shapes import pose_at
 from tspslam.mapping.build import make_map
-from tspslam.mapping.settings import Mapping
+from tspslam.mapping.settings import MappingSettings
 from tspslam.mapping.views import Sightings, View, to_camera
 from tspslam.topology.harmonic import Tmahf
 from tspslam.vision.rig import project
@@ -29,7 +29,7 @@ class World(NamedTuple):
     rig: Rig
 
     def map(self, settings=None):
-        return make_map(self.views, self.snapshot, self.rig, Tmahf(), settings or Mapping())
+        return make_map(self.views, self.snapshot, self.rig, Tmahf(), settings or MappingSettings())
 
     def known(self):
         snapshot = self.snapshot

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.mapping_measures import manifold_faults
 from tspslam import GeometryError, InputError, Session, Settings, Tracked, Trajectory, build_map, load_map
 from tspslam.io import read_frame
-from tspslam.mapping.settings import Mapping, SurfaceSettings
+from tspslam.mapping.settings import MappingSettings, SurfaceSettings
 from tspslam.run.config import resolve
 from tspslam.run.live import LiveMap
 from tspslam.run.map import join_keyframes, kept_keyframes, stored_keyframes
@@ -87,7 +87,7 @@ def test_a_map_can_be_made_while_the_session_goes_on(walk):
 
 
 def test_settings_of_the_map_come_from_the_run_or_are_given(folder, walk, tmp_path):
-    shorter = Mapping(surface=SurfaceSettings(longest=0.2, longest_apart=0.1))
+    shorter = MappingSettings(surface=SurfaceSettings(longest=0.2, longest_apart=0.1))
     given = build_map(folder, shorter)
     assert len(given.surface.faces) < len(load_map(folder).surface.faces)
     run(walk, tmp_path / "run", resolve(assignments=[*SETTINGS, "mapping.surface.longest=0.2",
@@ -215,7 +215,7 @@ def test_a_live_map_follows_its_landmarks(session):
     live = LiveMap(session)
     made = live.update()
     given = kept_keyframes(session)
-    moved = replace(given.snapshot, xyz=given.snapshot.xyz + (0, 0, 1.0))
+    moved = replace(given.snapshot, xyz=given.snapshot.xyz + np.array([0, 0, 1.0]))
     from tspslam.run.live import _join
 
     part = join_keyframes(replace(given, index=dict(list(given.index.items())[-2:])), session.settings)

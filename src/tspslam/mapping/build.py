@@ -16,7 +16,7 @@ from .averaging import average, average_answers, estimate_gains
 from .landmarks import Landmarks, join_observations, measure_covariances, place_landmarks
 from .sampling import Filter, Samples, Shape, frame_shape, lift_phases, sample_views, viewing_cosines
 from .searching import find_again
-from .settings import Mapping, ViewSettings
+from .settings import MappingSettings, ViewSettings
 from .surface import cut_surface, make_rays
 from .views import Sightings, View
 from .visibility import face_normals
@@ -25,7 +25,7 @@ _LEAST = 2  # observations that a vertex keeps, hidden or not
 
 
 def make_map(
-    views: Sequence[View], snapshot: MapSnapshot, rig: Rig, filter_: Filter, settings: Mapping
+    views: Sequence[View], snapshot: MapSnapshot, rig: Rig, filter_: Filter, settings: MappingSettings
 ) -> TopologicalMap:
     """Make the map of two keyframes or more.
 
@@ -39,7 +39,7 @@ def make_map(
         The cameras, with the offset of the disparities that the path found.
     filter_ : callable, (Complex, uv, Signals) -> Response
         The filter.
-    settings : Mapping
+    settings : MappingSettings
         How.
 
     Returns
@@ -67,7 +67,7 @@ def make_map(
     return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
 
 
-def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: Mapping) -> Landmarks:
+def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: MappingSettings) -> Landmarks:
     """Join what the path observed to what is found again, and place the landmarks that two keyframes see.
 
     Parameters

@@ -184,7 +184,7 @@ class ViewSettings(Checked, what="mapping.views"):
 
 
 @dataclass(frozen=True)
-class Mapping(Checked, what="mapping"):
+class MappingSettings(Checked, what="mapping"):
     """How keyframes and landmarks become one topological map.
 
     Parameters
@@ -203,7 +203,7 @@ class Mapping(Checked, what="mapping"):
 
     Examples
     --------
-    >>> Mapping(surface=SurfaceSettings(longest=0.3)).views.hidden
+    >>> MappingSettings(surface=SurfaceSettings(longest=0.3)).views.hidden
     3.0
     """
 

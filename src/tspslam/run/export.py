@@ -10,7 +10,6 @@ from ..errors import InputError
 from ..io import RunFolder, read_frame, write_frame
 from ..io.maps import write_map_ply, write_map_vtu
 from ..io.topological import load_map, write_map
-from ..topological_map import TopologicalMap
 from .config import resolve
 from .guard import MAPS, check_output, is_inside
 from .map import build_map
@@ -60,16 +59,16 @@ def export(
 
 
 def export_map_anew(
-    run: Path, target: Path, assignments: Iterable[str] = (), *, is_forced: bool = False
-) -> TopologicalMap:
+    run: Path, output: Path | None = None, assignments: Iterable[str] = (), *, is_forced: bool = False
+) -> Path:
     """Make the map of a run anew, and write it.
 
     Parameters
     ----------
     run : path
         The run folder.
-    target : path
-        The file, of one of `MAP_FORMATS`, by its suffix.
+    output : path, optional
+        The file, of one of `MAP_FORMATS` by its suffix; RUN-map.npz here by default.
     assignments : iterable of str
         Settings that differ from the run's, such as ``"mapping.surface.longest=0.3"``.
     is_forced : bool
@@ -77,7 +76,8 @@ def export_map_anew(
 
     Returns
     -------
-    TopologicalMap
+    Path
+        The file.
 
     Raises
     ------
@@ -91,11 +91,12 @@ def export_map_anew(
     wrong = [each for each in assignments if not each.strip().startswith("mapping.")]
     if wrong:
         raise InputError(f"--set {wrong[0]!r:.80}: is no setting of the map, expected one that begins with mapping.")
-    folder, kind = RunFolder.open(run), target.suffix[1:].lower()
+    folder, target = RunFolder.open(run), output or Path(f"{run.resolve().name}-map.npz")
+    kind = target.suffix[1:].lower()
     _refuse_place(target, run, kind, is_forced)
     made = build_map(run, resolve(file=folder.path / "config.yaml", assignments=assignments).settings.mapping)
     (write_map if kind == "npz" else _WRITERS[kind])(target, made)
-    return made
+    return target
 
 
 def _refuse_place(target: Path, run: Path, kind: str, is_forced: bool) -> None:

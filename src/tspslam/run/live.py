@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .._checks import require
 from ..errors import GeometryError
-from ..mapping.settings import Mapping
+from ..mapping.settings import MappingSettings
 from ..mapping.surface import make_manifold
 from ..session import Session
 from ..topological_map import Levels, Observations, TopologicalMap
@@ -36,7 +36,7 @@ class LiveMap:
     ----------
     session : Session
         Which keeps its keyframes, with the odometry of its own images.
-    mapping : Mapping, optional
+    mapping : MappingSettings, optional
         How; as in the session's settings by default.
 
     Attributes
@@ -57,7 +57,7 @@ class LiveMap:
     (dtype('int64'), True)
     """
 
-    def __init__(self, session: Session, mapping: Mapping | None = None) -> None:
+    def __init__(self, session: Session, mapping: MappingSettings | None = None) -> None:
         require(session, Session, "session")
         self.map: TopologicalMap | None = None
         self._session, self._mapping = session, mapping

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Mapping as Named
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from ..io import RunFolder, read_frame
 from ..io.frames import read_frame_image
 from ..io.landmarks import read_landmarks
 from ..mapping.build import make_map, map_of_frame
-from ..mapping.settings import Mapping
+from ..mapping.settings import MappingSettings
 from ..mapping.views import View
 from ..session import Session
 from ..settings import Settings
@@ -48,19 +47,19 @@ class Keyframes:
 
     snapshot: MapSnapshot
     rig: Rig
-    index: Named[int, int]
+    index: Mapping[int, int]
     image_of: Callable[[int], Image]
     frame_of: Callable[[int], Frame]
 
 
-def build_map(source: Session | PathLike, mapping: Mapping | None = None) -> TopologicalMap:
+def build_map(source: Session | PathLike, mapping: MappingSettings | None = None) -> TopologicalMap:
     """Make one topological map of all keyframes: of a session so far, or of a finished run.
 
     Parameters
     ----------
     source : Session, str or path
         A session, which may go on afterwards, or a run folder.
-    mapping : Mapping, optional
+    mapping : MappingSettings, optional
         How; as in the source's settings by default.
 
     Returns
@@ -87,7 +86,7 @@ def build_map(source: Session | PathLike, mapping: Mapping | None = None) -> Top
     (True, True)
     """
     if mapping is not None:
-        require(mapping, Mapping, "mapping")
+        require(mapping, MappingSettings, "mapping")
     if isinstance(source, Session):
         return join_keyframes(kept_keyframes(source), source.settings, mapping)
     if not isinstance(source, str | Path):
@@ -97,7 +96,7 @@ def build_map(source: Session | PathLike, mapping: Mapping | None = None) -> Top
     return join_keyframes(stored_keyframes(folder), settings, mapping)
 
 
-def join_keyframes(given: Keyframes, settings: Settings, mapping: Mapping | None = None) -> TopologicalMap:
+def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSettings | None = None) -> TopologicalMap:
     """Make the map of keyframes.
 
     Parameters
@@ -106,7 +105,7 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: Mapping | None
         At least one.
     settings : Settings
         The filter, and how the map is made.
-    mapping : Mapping, optional
+    mapping : MappingSettings, optional
         How the map is made, if otherwise.
 
     Returns
@@ -199,7 +198,7 @@ def stored_keyframes(folder: RunFolder) -> Keyframes:
     )  # fmt: skip
 
 
-def snapshot_of(frames: Named[int, Frame], poses: Named[int, FloatArray]) -> MapSnapshot:
+def snapshot_of(frames: Mapping[int, Frame], poses: Mapping[int, FloatArray]) -> MapSnapshot:
     """Make landmarks of all points of keyframes whose odometry has none.
 
     Parameters

@@ -205,10 +205,7 @@ def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, Any]:
     folder = sequence.folder
     frames = [f"frames/{folder.frame_path(row.index).name}" for row in sequence.stored]
     key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
-    if _is_finished(folder, key):
-        record = folder.read_run()
-    else:
-        record = _write_results(sequence, record, key)
+    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key)
     results = [name for name, unit in folder.units.items() if unit.input == key]
     folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
     return record

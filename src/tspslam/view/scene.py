@@ -67,7 +67,18 @@ def write_scene(shown: Frame | TopologicalMap, path: str | Path) -> Path:
 
 
 def frame_to_turn(frame: Frame) -> str:
-    """Make the section with the interactive scene of a frame, or say why there is none."""
+    """Make the section with the interactive scene of a frame, or say why there is none.
+
+    Parameters
+    ----------
+    frame : Frame
+        What to show.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     from ._scene import scene_figure, scene_views, thinned
 
     views = scene_views(frame)
