@@ -149,9 +149,10 @@ def test_an_export_goes_over_maps_of_its_kind_alone(capsys, run, monkeypatch):
         for _ in range(2):
             assert type_in(capsys, "export", run, "--to", to)[:2] == (0, f"wrote run-000000.{to}\n")
     np.savez("data.npz", a=1)
+    write_map("map.npz", map_())
     Path("mesh.ply").write_text("plywood\n")
     Path("grid.vtu").write_text("<?xml version='1.0'?>\n<svg/>")
-    for name in ("data.npz", "mesh.ply", "grid.vtu"):
+    for name in ("data.npz", "map.npz", "mesh.ply", "grid.vtu"):
         before = Path(name).read_bytes()
         words = ["export", run, "--to", name[-3:], "--output", name]
         assert (complain(capsys, *words)[0], Path(name).read_bytes()) == (3, before)

@@ -88,7 +88,7 @@ class TopologicalMap(Brief):
         How many views count.
     landmark_id : (N,) int64
         Number of each landmark, ascending; numbers stay while the map grows.
-    observations : Observations
+    observations : tspslam.topological_map.Observations
         Which keyframes see each vertex.
     keyframes : (K,) int64
         Numbers of the frames.

@@ -85,7 +85,7 @@ def write_arrays(path: PathLike, form: Form, values: Mapping[str, Any]) -> None:
     with zipfile.ZipFile(packed, "w") as archive:
         for name in schema:
             if name in arrays:
-                is_plain = name in form.plain or not form.level
+                is_plain = name == "magic" or name in form.plain or not form.level  # the first bytes tell the kind
                 method = zipfile.ZIP_STORED if is_plain else zipfile.ZIP_DEFLATED
                 archive.writestr(_entry(name), _npy(arrays[name]), method, form.level)
     write_bytes(path, packed.getvalue())
