@@ -30,7 +30,6 @@ _WAYS = {
     "Trajectory": "tspslam.io.read_trajectory(path) reads one",
     "Settings": "tspslam.Settings(detector=...)",
     "Tmahf": "tspslam.Tmahf(order=1)",
-    "TopologicalMap": "tspslam.load_map(run) reads one",
     "MapSnapshot": "Map.snapshot() of the odometry gives one",
     "Frame": "Session.process(pair) gives one, tspslam.io.read_frame(path) reads one",
 }

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 
-FORMAT = 2  # of run folders: of their names, of what stands in frames and checkpoints, of the names of settings
+FORMAT = 3  # of run folders: of their names, of what stands in frames and checkpoints, of the names of settings
 MARK = f"# tspslam run, format {FORMAT}\n"
 _MARKED = re.compile(rb"# tspslam run(?:, format ([0-9]{1,9}))?\r?\n")
 _LARGEST = 1 << 18
