@@ -248,7 +248,7 @@ def test_a_damaged_manifest_or_config_is_read_or_an_input_error(tmp_path, data):
         assert all(isinstance(unit, Unit) for unit in units.values())
 
 
-HEAD = "# tspslam run, format 2\n"
+HEAD = "# tspslam run, format 3\n"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from tspslam.io.manifest import Unit, append_unit
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 CONFIG = {"detector": "orb"}
-MARK = "# tspslam run, format 2\ndetector: orb\n"
+MARK = "# tspslam run, format 3\ndetector: orb\n"
 
 
 @pytest.fixture

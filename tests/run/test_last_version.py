@@ -14,7 +14,7 @@ from tspslam.run.pipeline import OnePair, run
 from ..test_cli import complain, content
 
 NEW = ("T_world_camera", "is_keyframe", "is_lost", "landmark")
-SAID = "is a run folder of format 1, as another version of tspslam makes them; expected format 2: make the run anew"
+SAID = "is a run folder of format 1, as another version of tspslam makes them; expected format 3: make the run anew"
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from ..frame import Frame
 from ..topological_map import Levels, Observations, TopologicalMap
 from ..topology.complex import build_complex
-from ..types import FloatArray, Rig, Signals, Surface
+from ..types import FloatArray, Rig, Signals, Surface, one_channel
 from ..vision.slam.map import MapSnapshot
 from .averaging import average, average_answers, estimate_gains
 from .landmarks import Landmarks, join_observations, measure_covariances, place_landmarks
@@ -32,7 +33,7 @@ def make_map(
     Parameters
     ----------
     views : sequence of View
-        The keyframes of the snapshot, in its order.
+        The keyframes of the snapshot, in its order; which that is does not matter.
     snapshot : MapSnapshot
         Landmarks and their observations.
     rig : Rig
@@ -51,6 +52,7 @@ def make_map(
     GeometryError
         If the landmarks span no surface.
     """
+    views, snapshot = _in_order(views, snapshot)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
     landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observations)
@@ -65,6 +67,19 @@ def make_map(
     samples = sample_views(views, rig, shape, filter_, settings.views)
     numbers = np.array([view.number for view in views], np.int64)
     return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
+
+
+def _in_order(views: Sequence[View], snapshot: MapSnapshot) -> tuple[list[View], MapSnapshot]:
+    """Keyframes by the numbers of their frames."""
+    order = np.argsort([view.number for view in views], kind="stable")
+    counts = np.diff(snapshot.start)
+    rows = np.concatenate([np.arange(*snapshot.start[k : k + 2]) for k in order])
+    changed = replace(
+        snapshot, keyframe=snapshot.keyframe[order], T_world_camera=snapshot.T_world_camera[order],
+        start=np.cumsum([0, *counts[order]]), observed_id=snapshot.observed_id[rows], uv=snapshot.uv[rows],
+        disparity=snapshot.disparity[rows],
+    )  # fmt: skip
+    return [views[k] for k in order], changed
 
 
 def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: MappingSettings) -> Landmarks:
@@ -153,7 +168,8 @@ def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> Topologi
     is_away = np.einsum("fi,fi->f", face_normals(xyz, faces), camera - xyz[faces[:, 0]]) < 0
     faces[is_away] = faces[is_away][:, ::-1]
     shape = frame_shape(frame.complex_, faces, xyz, covariance)
-    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], frame.response, "projection")
+    response = replace(frame.response, z=one_channel(frame.response.z))
+    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], response, "projection")
     weight = np.maximum(viewing_cosines(xyz, shape.normals[0], camera), 0.0)
     counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
     return TopologicalMap(
