@@ -8,7 +8,7 @@ import pytest
 from tspslam import Cloud, Frame, Surface, build_complex, sample_signals, set_threads
 from tspslam.errors import GeometryError, InputError
 from tspslam.mapping.build import map_of_frame
-from tspslam.mapping.settings import Mapping, ObservationSettings, ViewSettings
+from tspslam.mapping.settings import MappingSettings, ObservationSettings, ViewSettings
 from tspslam.mapping.views import to_camera
 from tspslam.mapping.visibility import face_normals
 from tspslam.topology.harmonic import Tmahf
@@ -94,7 +94,7 @@ def test_the_order_of_keyframes_does_not_matter_to_what_the_path_knows(make, see
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_order_of_keyframes_does_not_matter_to_signals_of_one_exposure(seed):
     world = room(800, noise=0.2)
-    alike = Mapping(views=ViewSettings(min_shared=10_000))  # exposures are not compared
+    alike = MappingSettings(views=ViewSettings(min_shared=10_000))  # exposures are not compared
     order = np.random.default_rng(seed).permutation(len(world.views))
     same_signals(world.map(alike), world.take(order).map(alike), 1e-9)
 
@@ -267,7 +267,7 @@ def test_a_broken_image_is_one_clear_line():
 
 @pytest.mark.parametrize("tangent", ["projection", "gradient"])
 def test_directions_are_unit_tangents_where_defined(tangent):
-    found = rough().map(Mapping(views=ViewSettings(tangent=tangent)))
+    found = rough().map(MappingSettings(views=ViewSettings(tangent=tangent)))
     length = np.linalg.norm(found.direction, axis=1)
     assert length[found.defined] == pytest.approx(1)
     assert not length[~found.defined].any()
@@ -280,7 +280,7 @@ def test_directions_are_unit_tangents_where_defined(tangent):
 
 def test_no_keyframe_need_be_looked_at_for_landmarks():
     world = rough()
-    blind = Mapping(observations=ObservationSettings(misses=1, neighbours=1, revisits=0))
+    blind = MappingSettings(observations=ObservationSettings(misses=1, neighbours=1, revisits=0))
     assert names(world.map(blind)) == names(world.map())
 
 

@@ -1,0 +1,147 @@
+"""Ways to one surface over the same landmarks, measured on the same worlds: the table of the map's page.
+
+``python -m benchmarks.mapping_candidates [WORLD]... [--cache FOLDER]``, as `benchmarks.mapping`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tspslam import Cloud, Complex, GeometryError, Session, build_complex, delaunay_surface
+from tspslam.mapping.build import collect_landmarks
+from tspslam.mapping.landmarks import Landmarks, measure_covariances
+from tspslam.mapping.settings import MappingSettings, SurfaceSettings
+from tspslam.mapping.surface import Rays, _border, _full, _is_short, _tetrahedra, cut_surface, make_manifold, make_rays
+from tspslam.mapping.views import View, to_camera
+from tspslam.run.map import kept_keyframes
+from tspslam.topological_map import Observations
+
+from . import mapping
+
+NONE = SurfaceSettings(quality=0, behind=3, longest_apart=0.4)
+PROBE = SurfaceSettings(quality=0.5, behind=3, longest_apart=0.4)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What the measures want of a map."""
+
+    xyz: np.ndarray
+    complex_: Complex
+    observations: Observations
+    keyframes: np.ndarray
+    T_world_camera: np.ndarray
+
+
+@dataclass(frozen=True)
+class Material:
+    """What all candidates are made of."""
+
+    rig: object
+    T: np.ndarray
+    landmarks: Landmarks
+    covariance: np.ndarray
+    rays: Rays
+    keyframes: np.ndarray
+
+
+def gather(session: Session) -> Material:
+    given, settings = kept_keyframes(session), MappingSettings()
+    snapshot, rig = given.snapshot, given.rig
+    numbers = snapshot.keyframe.tolist()
+    views = [View(given.index[n], T, given.image_of(n)) for n, T in zip(numbers, snapshot.T_world_camera, strict=True)]
+    landmarks = collect_landmarks(views, snapshot, rig, settings)
+    landmarks, covariance = measure_covariances(rig, snapshot.T_world_camera, landmarks, settings.observations)
+    rays = make_rays(snapshot.T_world_camera, landmarks, covariance)
+    frames = np.array([given.index[n] for n in numbers])
+    return Material(rig, snapshot.T_world_camera, landmarks, covariance, rays, frames)
+
+
+def laid_over(m: Material) -> np.ndarray:
+    """Triangles of each keyframe's own landmarks in its image, cut where the depth steps, all of them."""
+    seen, parts = m.landmarks.seen, []
+    for k, T in enumerate(m.T):
+        rows = seen.landmark[seen.keyframe == k]
+        points = to_camera(m.landmarks.xyz[rows], T)
+        covariance = T[:3, :3].T @ m.covariance[rows] @ T[:3, :3]
+        good = points[:, 2] > 0
+        cloud = Cloud(points[good], seen.uv[seen.keyframe == k][good], np.ones(good.sum()), covariance[good])
+        try:
+            parts.append(rows[good][delaunay_surface(cloud).faces])
+        except GeometryError:
+            continue
+    faces = np.sort(np.concatenate(parts), axis=1)
+    return np.unique(faces, axis=0).astype(np.int32)
+
+
+def cut(m: Material, settings: SurfaceSettings) -> np.ndarray:
+    """The border of the minimum cut without what is too long; nothing else is dropped."""
+    xyz = m.landmarks.xyz
+    cells = _tetrahedra(xyz, m.rays.origin)
+    faces = _border(cells, _full(cells, m.rays, settings), len(xyz))
+    return faces[_is_short(xyz, faces, m.rays, len(m.T), settings)]
+
+
+CANDIDATES = {
+    "triangles of all keyframes": laid_over,
+    "of them, two faces an edge, one fan a vertex": lambda m: make_manifold(laid_over(m), m.landmarks.xyz),
+    "minimum cut": lambda m: cut(m, NONE),
+    "with a quality prior, cleaned": lambda m: make_manifold(cut(m, PROBE), m.landmarks.xyz),
+    "full right behind the landmarks": lambda m: make_manifold(cut(m, SurfaceSettings()), m.landmarks.xyz),
+    "without what nobody sees from the front": lambda m: ours(m, replace(SurfaceSettings(), seen_through=1000)),
+    "without what a camera saw through (ours)": lambda m: ours(m, SurfaceSettings()),
+}
+
+
+def ours(m: Material, settings: SurfaceSettings) -> np.ndarray:
+    return cut_surface(m.rig, m.T, m.landmarks.xyz, m.rays, settings, MappingSettings().views)
+
+
+def as_map(m: Material, faces: np.ndarray) -> Candidate:
+    seen, n = m.landmarks.seen, len(m.landmarks.xyz)
+    start = np.searchsorted(seen.landmark, np.arange(n + 1))
+    rows = Observations(start, seen.keyframe, seen.uv, seen.disparity, np.ones(len(seen.uv)))
+    return Candidate(m.landmarks.xyz, build_complex(faces, n), rows, m.keyframes, m.T)
+
+
+def measured(name: str, data: Path | None, cache: Path | None) -> dict[str, dict[str, float]]:
+    """Figures of each candidate on a world."""
+    world = mapping.opened(name, data)
+    with Session(world.sequence.rig) as session:
+        for k in range(len(world.sequence)):
+            session.process(world.sequence[k])
+        session.finish()
+        material = gather(session)
+    found = {}
+    for label, make in CANDIDATES.items():
+        started = time.perf_counter()
+        faces = make(material)
+        seconds = time.perf_counter() - started
+        candidate = as_map(material, faces)
+        figures = mapping.surface_figures(candidate, world.sequence.rig)
+        figures |= {"vertices": len(np.unique(faces)), "seconds": seconds}
+        if world.clean is not None:
+            figures |= mapping.truth_figures(candidate, world, world.truth(candidate.keyframes, cache)[0])
+        found[label] = figures
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("world", nargs="*", default=[*mapping.SCENES, *mapping.RECORDED])
+    parser.add_argument("--data", type=Path, default=os.environ.get("TSPSLAM_DATA"))
+    parser.add_argument("--cache", type=Path)
+    given = parser.parse_args()
+    for name in given.world:
+        for label, figures in measured(name, given.data and Path(given.data), given.cache).items():
+            print(f"{label:<46}", mapping.line(name, figures), flush=True)
+
+
+if __name__ == "__main__":
+    main()
