@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._brief import Brief
+from ._brief import Brief, brief
 from .topology.complex import Complex
 from .types import BoolArray, FloatArray, Response, Rig, Signals, Surface
 
@@ -20,6 +20,9 @@ class Levels(NamedTuple):
     vertex: NDArray[np.generic]
     edge: NDArray[np.generic]
     face: NDArray[np.generic]
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 @dataclass(frozen=True, repr=False)

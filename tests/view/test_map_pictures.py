@@ -163,7 +163,7 @@ def test_pale_faces_are_named_only_where_there_are_some():
     assert seen not in legend(p.above_picture(whole, both(whole)).axes[0])
     assert seen in legend(p.above_picture(marked, both(marked)).axes[0])
     once = replace(whole, view_count=type(whole.view_count)(*(np.ones_like(x) for x in whole.view_count)))
-    assert "seen by less than two keyframes" in legend(p.variance_picture(once, both(once)).axes[0])
+    assert "seen by fewer than two keyframes" in legend(p.variance_picture(once, both(once)).axes[0])
 
 
 def test_the_response_is_shown_where_more_of_it_is_seen():

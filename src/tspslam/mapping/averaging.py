@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from ..types import FloatArray, Response
 from .sampling import Answer, Sample
 from .settings import ViewSettings
@@ -37,6 +38,9 @@ class Mean(NamedTuple):
     views: NDArray[np.int32]
     uv: FloatArray
     pixels: NDArray[np.int32]
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def estimate_gains(faces: Sample, keyframes: int, settings: ViewSettings) -> FloatArray:

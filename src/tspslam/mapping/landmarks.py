@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from ..errors import GeometryError
 from ..types import FloatArray, Rig
 from ..vision.slam.bundle import Observations, adjust
@@ -33,6 +34,9 @@ class Landmarks(NamedTuple):
     id: NDArray[np.int64]
     xyz: FloatArray
     seen: Sightings
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     def keep(self, is_kept: NDArray[np.bool_]) -> Landmarks:
         """Return some of the landmarks, with their observations.

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from ..topology.complex import Complex
 from ..topology.texture import sample_signals
 from ..types import BoolArray, FloatArray, Response, Rig, Signals
@@ -112,6 +113,9 @@ class Sample(NamedTuple):
     uv: FloatArray
     pixels: NDArray[np.int32]
 
+    def __repr__(self) -> str:
+        return brief(self)
+
 
 class Answer(NamedTuple):
     """Responses of vertices as keyframes give them, one row each.
@@ -133,6 +137,9 @@ class Answer(NamedTuple):
     z: NDArray[np.complex128]
     weight: FloatArray
     direction: FloatArray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 class Samples(NamedTuple):
@@ -156,6 +163,9 @@ class Samples(NamedTuple):
     answer: Answer
     seen: Rows
     order: int
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def sample_views(views: Sequence[View], rig: Rig, shape: Shape, filter_: Filter, settings: ViewSettings) -> Samples:
@@ -198,6 +208,9 @@ class _Part(NamedTuple):
     vertex: Rows
     edge: Rows
     face: Rows
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, settings: ViewSettings) -> Samples:

@@ -105,6 +105,8 @@ class SurfaceSettings(Checked, what="mapping.surface"):
         Longest side of a triangle that no keyframe sees whole.
     seen_through : int
         Landmarks clearly behind a triangle, by the keyframes that see them, from which it goes.
+    max_bytes : float
+        Memory that the tetrahedra may take; maps of more landmarks are refused.
 
     Raises
     ------
@@ -131,6 +133,7 @@ class SurfaceSettings(Checked, what="mapping.surface"):
     longest_apart: float = setting(
         0.2, 0, 100, unit="m per m of depth", source="corridor covered 0.1: 90.4, 0.4: 91.9 % (91.1)"
     )
+    max_bytes: float = setting(4e9, 1e6, 1e15, unit="bytes", source="12 kB a landmark, as measured: 330 000 of them")
     seen_through: int = setting(
         1,
         1,

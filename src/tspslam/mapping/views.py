@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._brief import Brief
+from .._brief import Brief, brief
 from ..types import BoolArray, FloatArray, Image, Rig
 from ..vision.se3 import inverse
 
@@ -53,6 +53,9 @@ class Sightings(NamedTuple):
     keyframe: Rows
     uv: FloatArray
     disparity: FloatArray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     def take(self, rows: Rows | BoolArray | slice) -> Sightings:
         """Return some of the rows.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from ..types import BoolArray, FloatArray, Rig
 from .views import Rows, calibration_matrix, to_camera
 
@@ -33,6 +34,9 @@ class Sight(NamedTuple):
     points: FloatArray
     faces: NDArray[np.int32]
     owner: NDArray[np.int32]
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     def hidden_by(self, rows: Rows, margin: FloatArray) -> NDArray[np.int64]:
         """Find the face that hides each of some vertices.

@@ -233,7 +233,7 @@ def _make_map(folder: RunFolder, settings: Settings, landmarks: int) -> tuple[To
     """The map of the stored keyframes, if they span one; and what is to be said."""
     try:
         made = join_keyframes(stored_keyframes(folder), settings)
-    except GeometryError as error:
+    except (GeometryError, InputError) as error:  # landmarks that span none, or too many: the path is there
         return None, [{"code": "map", "message": f"there is no map of all keyframes ({error})"}]
     return made, list(doubts_of_map(made, landmarks)) if len(made.keyframes) > 1 else []
 

@@ -18,7 +18,7 @@ from . import _style as style
 from ._solid import grid_step
 from ._viewpoints import Outlook
 
-PATH_COLOUR, BACKDROP, PALE = "#d55e00", "#e4edf6", "#f1e6cf"
+PATH_COLOUR, BACKDROP, PALE = "#d55e00", "#f4f6f8", "#c0d5e9"
 GAP = 0.14  # inches between two panels
 SCALE_SHARE = 0.3  # of the picture's width that a scale bar takes at most
 CORNERS = {"lower left": (0, -1), "upper left": (0, 0), "upper right": (-1, 0), "lower right": (-1, -1)}

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..topological_map import TopologicalMap
-from ._html import figures, scene, text, tiles
+from ._html import figures, tiles
 from ._map import check_map
+from ._turning import map_to_turn
 
 MAP_CAPTIONS = {
     "map_path": (
@@ -61,31 +62,16 @@ def map_numbers(map_: TopologicalMap) -> list[tuple[str, Any]]:
         ("vertices, each a landmark", complex_.n),
         ("edges", len(complex_.edges)),
         ("faces", len(complex_.faces)),
-        ("Euler characteristic", complex_.n - len(complex_.edges) + len(complex_.faces)),
+        ("Euler characteristic", complex_.euler),
         ("parts", int(map_.part.max()) + 1 if len(map_) else 0),
         ("keyframes", len(map_.keyframes)),
         (f"landmarks with {OFTEN} or more observations", _share(often)),
         ("faces that a keyframe sees within 75°", _share(seen)),
         ("vertices with a response", _share(map_.defined)),
         ("spread of a direction over views, median", None if spread is None else f"{spread:.1f}°"),
-        ("exposure, least to most", f"{map_.gain.min():.2f}–{map_.gain.max():.2f}"),
+        ("exposure, most over least", f"{map_.gain.max() / map_.gain.min():.2f}×"),
     ]
 
 
 def _share(which: np.ndarray[Any, np.dtype[np.bool_]]) -> str | None:
     return f"{100 * float(which.mean()):.0f} %" if len(which) else None
-
-
-def map_to_turn(map_: TopologicalMap) -> str:
-    """Make the interactive scene of a map, or say why there is none."""
-    from ._map_scene import MOST_FACES, map_scene
-
-    if len(map_.surface.faces) > MOST_FACES:
-        words = f"{len(map_.surface.faces)} faces are more than a page shows well; map.vtu holds all of them."
-        return f'<p class="quiet">{text(words)}</p>'
-    made = map_scene(map_)
-    if made is None:
-        return '<p class="quiet">This map has no face to show.</p>'
-    note = "Drag to turn, scroll to zoom. Orange: the camera's path. Grey and clear: seen by no keyframe within 75°."
-    note += f" Vertices not shown, far off: {made.hidden}." if made.hidden else ""
-    return scene(made.figure, made.buttons, note)

@@ -63,8 +63,8 @@ class View(Brief):
     traces: tuple[Trace, ...]
 
 
-@dataclass(frozen=True)
-class Mesh:
+@dataclass(frozen=True, repr=False)
+class Mesh(Brief):
     """The part of a frame's mesh that is shown: vertices in plotly's axes, faces into them."""
 
     xyz: NDArray[np.float32]  # x right, z forward, -y up

@@ -77,8 +77,9 @@ class Outlook(Brief):
 
     def paint(self, rgb: FloatArray, backdrop: FloatArray) -> NDArray[np.uint8]:
         """Paint each face in its colour, (F, 3) in [0, 1], before a backdrop: (H, W, 3) uint8."""
-        palette = np.rint(255 * np.clip(np.vstack([rgb, backdrop[None]]), 0, 1)).astype(np.uint8)
-        pixels = palette[self.owner]
+        palette = np.zeros((self.faces + 1, 4), np.uint8)
+        palette[:, :3] = np.rint(255 * np.clip(np.vstack([rgb, backdrop[None]]), 0, 1))
+        pixels = palette.view(np.uint32)[:, 0][self.owner].view(np.uint8).reshape(*self.owner.shape, 4)[..., :3]
         total = sum(pixels[i::FINER, j::FINER].astype(np.uint16) for i in range(FINER) for j in range(FINER))
         return np.asarray((total + FINER * FINER // 2) // (FINER * FINER)).astype(np.uint8)
 

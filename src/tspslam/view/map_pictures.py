@@ -161,7 +161,7 @@ def variance_picture(map_: TopologicalMap, views: Pair) -> Figure:
     )
     figure, axes = page.map_page(map_, outlook, "Difference between views", caption + _left_out(map_, outlook))
     page.show_faces(axes, outlook, style.colours(shown.values, norm, DEVIATION_MAP), shown.ok)
-    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by less than two keyframes"))
+    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by fewer than two keyframes"))
     style.colour_bar(figure, axes, norm, DEVIATION_MAP, "deviation of luminance", extend=_ends(shown, norm))
     return figure
 

@@ -12,7 +12,7 @@ from ..topological_map import TopologicalMap
 from ._frame import check_frame
 from ._html import figures, page_of, shown_value, text, tiles
 from ._map_section import MAP_CAPTIONS, map_section
-from .scene import frame_to_turn
+from ._turning import frame_to_turn
 
 LONG_TABLE = 14  # rows; longer ones are folded
 FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
@@ -117,7 +117,7 @@ def write_report(
     >>> frame = Frame(0, 0.0, "toy", rig, cloud, Surface(faces), complex_, signals, response, image=image)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     page = write_report(frame, {"status": "complete", "frames": 1}, [], f"{folder}/report.html")
-    ...     page.readtext(encoding="utf-8")[:15]
+    ...     page.read_text(encoding="utf-8")[:15]
     '<!DOCTYPE html>'
     """
     check_frame(frame)
@@ -129,7 +129,7 @@ def write_report(
         _shown(frame, run, with_scene=map_ is None),
         frame_to_turn(frame) if map_ is None else "",
         _numbers(run, folded=False),
-        _pictures([picture for picture in pictures if picture not in of_map]),
+        _pictures([picture for picture in pictures if picture not in of_map], is_small=map_ is not None),
         _numbers(run, folded=True),
     ]
     words = page_of(f"TSP-SLAM report: {_title(frame, run)}", sections)
@@ -262,6 +262,6 @@ def _label(key: Any) -> str:
     return text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
 
 
-def _pictures(paths: Sequence[Path]) -> str:
-    shown = figures(paths, CAPTIONS | MAP_CAPTIONS)
+def _pictures(paths: Sequence[Path], *, is_small: bool) -> str:
+    shown = figures(paths, CAPTIONS | MAP_CAPTIONS, is_small=is_small)
     return f'<section class="pictures"><h2>Pictures</h2>{shown}</section>' if shown else ""

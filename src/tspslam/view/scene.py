@@ -10,9 +10,9 @@ from ..errors import InputError
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ._frame import check_frame
-from ._html import page_of, scene, text
+from ._html import page_of, text
 from ._map import check_map
-from ._map_section import map_to_turn
+from ._turning import frame_to_turn, map_to_turn
 
 
 def write_scene(shown: Frame | TopologicalMap, path: str | Path) -> Path:
@@ -64,31 +64,3 @@ def write_scene(shown: Frame | TopologicalMap, path: str | Path) -> Path:
     make_folder(Path(path).parent)
     write_bytes(path, page.encode("utf-8", "replace"))
     return Path(path)
-
-
-def frame_to_turn(frame: Frame) -> str:
-    """Make the section with the interactive scene of a frame, or say why there is none.
-
-    Parameters
-    ----------
-    frame : Frame
-        What to show.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    from ._scene import scene_figure, scene_views, thinned
-
-    views = scene_views(frame)
-    if not views:
-        return '<section><h2>The mesh in space</h2><p class="quiet">This frame has no points to show.</p></section>'
-    buttons, start = [], 0
-    for view in views:
-        buttons.append((view.label, start, len(view.traces)))
-        start += len(view.traces)
-    what = "mesh" if len(frame.complex_.faces) else "points"
-    note = f"Drag to turn, scroll to zoom. Grey: no value.{thinned(frame)}"
-    plot = scene(scene_figure(views), buttons, note)
-    return f'<section class="scene"><h2>The {what} in space</h2>{plot}</section>'
