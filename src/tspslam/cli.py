@@ -133,10 +133,8 @@ def filter_command(
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
-    frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map, as npz 0].")] = None,
-    output: Annotated[
-        Path | None, typer.Option(help="File outside the run [default: RUN-map or -FRAME.FORMAT].")
-    ] = None,
+    frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map].")] = None,
+    output: Annotated[Path | None, typer.Option(help="File [default: RUN-map or -FRAME.FORMAT here].")] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:

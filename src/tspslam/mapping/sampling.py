@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._brief import brief
+from .._brief import Brief, brief
 from ..topology.complex import Complex
 from ..topology.texture import sample_signals
 from ..types import BoolArray, FloatArray, Response, Rig, Signals
@@ -22,8 +22,8 @@ _FAINTEST = 1e-9  # luminance: below it the response of a constant is rounding
 Filter = Callable[[Complex, FloatArray, Signals], Response]
 
 
-@dataclass(frozen=True)
-class Shape:
+@dataclass(frozen=True, repr=False)
+class Shape(Brief):
     """The map's complex in space, and the frame of each element.
 
     Attributes
