@@ -245,6 +245,18 @@ def test_doubled_landmarks_have_one_vertex():
     assert found.complex_.euler == border_loops(found.surface.faces) == 1
 
 
+def test_a_keyframe_with_a_wild_pose_bends_nothing():
+    world = wall()
+    poses = world.snapshot.T_world_camera.copy()
+    poses[3] = poses[3] @ pose_at((0.6, 0.2, -0.3), (0.05, 0.1, 0))
+    images = [view.image for view in world.views]
+    found = world_of(RIG, poses, world.snapshot.xyz, images, known=world.known()).map()
+    assert 3 not in found.observations.keyframe
+    assert len(found) == 150
+    assert found.complex_.euler == 1
+    assert np.abs(found.xyz[:, 2] - 4).max() < 1e-3
+
+
 def test_parts_that_were_never_joined_are_two():
     world = wall()
     away = pose_at((100.0, 0, 0))
