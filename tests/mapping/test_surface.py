@@ -9,7 +9,7 @@ from tspslam import build_complex
 from tspslam.errors import GeometryError
 from tspslam.mapping.landmarks import Landmarks, measure_covariances
 from tspslam.mapping.settings import ObservationSettings, SurfaceSettings, ViewSettings
-from tspslam.mapping.surface import _far_side, _is_seen, cut_surface, make_manifold, make_rays
+from tspslam.mapping.surface import _far_side, _is_seen, _is_short, cut_surface, make_manifold, make_rays
 from tspslam.mapping.visibility import face_normals
 
 from .worlds import RIG, ROOM, WIDE, border_loops, looking, room, sightings, wall
@@ -100,6 +100,20 @@ def test_no_side_is_longer_than_its_depth_allows():
     sides = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2)
     assert 10 < len(faces) < 300
     assert (sides.max(axis=1) <= 0.0801 * depth[faces].max(axis=1)).all()
+
+
+@pytest.mark.parametrize(("side", "shared", "stays"), [(0.5, False, True), (1.0, False, False), (1.0, True, True),
+                                                       (1.4, True, False)])  # fmt: skip
+def test_a_long_face_stays_where_a_keyframe_sees_it_whole(side, shared, stays):
+    """At a depth of 3 m sides up to 0.6 m stay, and up to 1.2 m where one keyframe sees all corners."""
+    xyz = side * np.array([[-0.5, -0.3, 0], [0.5, -0.3, 0], [0, 0.4, 0]]) + (0, 0, 3)
+    poses = looking([(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0.01, 0.01, 0)], at=(0, 0, 3))
+    seen = sightings(RIG, poses, xyz)
+    seen = seen.take((seen.landmark != seen.keyframe) & (shared | (seen.keyframe < 3)))  # the fourth sees all three
+    seen = seen.take(np.lexsort((seen.keyframe, seen.landmark)))
+    rays = make_rays(poses, Landmarks(np.arange(3), xyz, seen), np.tile(1e-4 * np.eye(3), (3, 1, 1)))
+    settings = SurfaceSettings(longest=0.4, longest_apart=0.2)
+    assert _is_short(xyz, np.array([[0, 2, 1]], np.int32), rays, 4, settings).tolist() == [stays]
 
 
 def test_where_landmarks_are_seen_through_is_no_face():

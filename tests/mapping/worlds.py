@@ -10,7 +10,7 @@ from tspslam import Rig
 from tspslam.datasets import synthetic
 from tspslam.datasets.synthetic.shapes import pose_at
 from tspslam.mapping.build import make_map
-from tspslam.mapping.settings import Mapping
+from tspslam.mapping.settings import MappingSettings
 from tspslam.mapping.views import Sightings, View, to_camera
 from tspslam.topology.harmonic import Tmahf
 from tspslam.vision.rig import project
@@ -29,7 +29,7 @@ class World(NamedTuple):
     rig: Rig
 
     def map(self, settings=None):
-        return make_map(self.views, self.snapshot, self.rig, Tmahf(), settings or Mapping())
+        return make_map(self.views, self.snapshot, self.rig, Tmahf(), settings or MappingSettings())
 
     def known(self):
         snapshot = self.snapshot
@@ -51,6 +51,12 @@ class World(NamedTuple):
             disparity=s.disparity[rows],
         )
         return World([self.views[k] for k in keyframes], snapshot, self.rig)
+
+    def renumber(self):
+        """The world whose frames came in the order in which they stand."""
+        number = np.sort(self.snapshot.keyframe)
+        views = [replace(view, number=k) for view, k in zip(self.views, number.tolist(), strict=True)]
+        return World(views, replace(self.snapshot, keyframe=number), self.rig)
 
     def move(self, T):
         """The world after a rigid motion of all of it."""
