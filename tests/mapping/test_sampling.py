@@ -135,6 +135,9 @@ def test_what_no_keyframe_sees_is_zero_and_has_no_view():
         assert not mean.value[~whole].any()
         assert 0 < whole.sum() < len(whole)
     assert np.array_equal(samples.seen, np.flatnonzero(is_seen))
+    cut = shape.complex_.faces[~is_seen[shape.complex_.faces].all(axis=1)]
+    assert not set(samples.answer.vertex) & set(cut.ravel().tolist())  # whose star is hidden in part
+    assert 40 < len(samples.answer.vertex) < is_seen.sum()
 
 
 @pytest.mark.parametrize(("degrees", "counts"), [(0, True), (60, True), (74, True), (76, False), (100, False)])

@@ -9,7 +9,7 @@ from tspslam import build_complex
 from tspslam.errors import GeometryError
 from tspslam.mapping.landmarks import Landmarks, measure_covariances
 from tspslam.mapping.settings import ObservationSettings, SurfaceSettings, ViewSettings
-from tspslam.mapping.surface import _far_side, cut_surface, make_manifold, make_rays
+from tspslam.mapping.surface import _far_side, _is_seen, _is_short, cut_surface, make_manifold, make_rays
 from tspslam.mapping.visibility import face_normals
 
 from .worlds import RIG, ROOM, WIDE, border_loops, looking, room, sightings, wall
@@ -102,6 +102,20 @@ def test_no_side_is_longer_than_its_depth_allows():
     assert (sides.max(axis=1) <= 0.0801 * depth[faces].max(axis=1)).all()
 
 
+@pytest.mark.parametrize(("side", "shared", "stays"), [(0.5, False, True), (1.0, False, False), (1.0, True, True),
+                                                       (1.4, True, False)])  # fmt: skip
+def test_a_long_face_stays_where_a_keyframe_sees_it_whole(side, shared, stays):
+    """At a depth of 3 m sides up to 0.6 m stay, and up to 1.2 m where one keyframe sees all corners."""
+    xyz = side * np.array([[-0.5, -0.3, 0], [0.5, -0.3, 0], [0, 0.4, 0]]) + (0, 0, 3)
+    poses = looking([(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0.01, 0.01, 0)], at=(0, 0, 3))
+    seen = sightings(RIG, poses, xyz)
+    seen = seen.take((seen.landmark != seen.keyframe) & (shared | (seen.keyframe < 3)))  # the fourth sees all three
+    seen = seen.take(np.lexsort((seen.keyframe, seen.landmark)))
+    rays = make_rays(poses, Landmarks(np.arange(3), xyz, seen), np.tile(1e-4 * np.eye(3), (3, 1, 1)))
+    settings = SurfaceSettings(longest=0.4, longest_apart=0.2)
+    assert _is_short(xyz, np.array([[0, 2, 1]], np.int32), rays, 4, settings).tolist() == [stays]
+
+
 def test_where_landmarks_are_seen_through_is_no_face():
     behind = np.column_stack([np.random.default_rng(0).uniform(-0.3, 0.3, (8, 2)), np.full(8, 4.0)])
     frame = [(x, y, 3.0) for x in (-0.6, 0, 0.6) for y in (-0.6, 0.02, 0.6) if (x, y) != (0, 0.02)]
@@ -117,6 +131,39 @@ def test_where_landmarks_are_seen_through_is_no_face():
 
     assert covers(np.array(frame), alone)
     assert not covers(np.concatenate([frame, behind]), seen_through)
+
+
+@pytest.mark.parametrize(("behind", "stays"), [(0, True), (1, True), (2, False), (5, False)])
+def test_a_face_goes_that_two_landmarks_are_seen_through(behind, stays):
+    front = np.array([[-0.5, -0.5, 3], [0.5, -0.4, 3], [0, 0.6, 3]])
+    xyz = np.concatenate([front, np.linspace((-0.1, -0.1, 4), (0.1, 0.1, 4), behind)])
+    poses = looking([(0, 0, 0), (0.1, 0, 0)])
+    assert is_seen(poses, xyz, [[0, 2, 1]]).tolist() == [stays]
+
+
+@pytest.mark.parametrize("size", [1.0, 0.1, 0.01, 1e-3, 1e-5])
+def test_a_face_stays_however_small_if_it_is_seen_from_the_front(size):
+    xyz = size * np.array([[-0.5, -0.5, 0], [0.5, -0.4, 0], [0.1, 0.6, 0]]) + (0.013, 0.017, 3)
+    poses = looking([(0, 0, 0), (0.1, 0, 0)])
+    assert is_seen(poses, xyz, [[0, 2, 1]]).tolist() == [True]
+    assert is_seen(poses, xyz, [[0, 1, 2]]).tolist() == [False]  # its back
+
+
+def test_a_face_behind_another_goes_however_small():
+    shield = np.array([[-0.9, -0.9, 2.0], [0.9, -0.8, 2], [0, 1.1, 2]])
+    poses = looking([(0, 0, 0), (0.1, 0, 0)])
+    for size in (0.1, 0.001):
+        hidden = size * np.array([[-0.5, -0.5, 0], [0.5, -0.4, 0], [0.1, 0.6, 0]]) + (0.013, 0.017, 3)
+        seen = sightings(RIG, poses, shield)
+        assert is_seen(poses, np.concatenate([shield, hidden]), [[0, 2, 1], [3, 5, 4]], seen).tolist() == [True, False]
+
+
+def is_seen(poses, xyz, faces, seen=None):
+    """Which faces `cut_surface` keeps, of given ones."""
+    seen = sightings(RIG, poses, xyz) if seen is None else seen
+    seen = seen.take(np.lexsort((seen.keyframe, seen.landmark)))
+    rays = make_rays(poses, Landmarks(np.arange(len(xyz)), xyz, seen), np.tile(1e-4 * np.eye(3), (len(xyz), 1, 1)))
+    return _is_seen(RIG, poses, xyz, np.array(faces, np.int32), rays, SurfaceSettings(seen_through=2), ViewSettings())
 
 
 def test_rays_are_the_observations():

@@ -52,6 +52,12 @@ class World(NamedTuple):
         )
         return World([self.views[k] for k in keyframes], snapshot, self.rig)
 
+    def renumber(self):
+        """The world whose frames came in the order in which they stand."""
+        number = np.sort(self.snapshot.keyframe)
+        views = [replace(view, number=k) for view, k in zip(self.views, number.tolist(), strict=True)]
+        return World(views, replace(self.snapshot, keyframe=number), self.rig)
+
     def move(self, T):
         """The world after a rigid motion of all of it."""
         poses = T @ self.snapshot.T_world_camera
