@@ -9,12 +9,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tspslam import Rig, Session, build_map, list_settings
 from tspslam.datasets import open_sequence, synthetic
@@ -29,6 +31,8 @@ from . import mapping_signals as signals
 KITTI = Rig(fx=707.09, fy=707.09, cx=601.9, cy=183.1, baseline=0.537, width=1226, height=370)
 FAULTS = synthetic.Faults(noise=0.012, blur=0.6, exposure=0.15)
 CLEAN = synthetic.Faults(eight_bit=False)
+PICTURES = ("map_street_path.png", "map_street_variance.png", "map_corridor_above.png", "map_room_above.png",
+            "map_room_response.png")  # fmt: skip
 RECORDED = ("kitti_05", "kitti_raw_0926", "kitti_seq1", "euroc_v101_keyframes")
 SCENES = {
     "street": (lambda: synthetic.street(60.0, step=0.75), KITTI, 40.0),
@@ -198,6 +202,46 @@ def _in_short(world: World, session: Session, mapping: MappingSettings, cache: P
     return f"{said} defined {100 * made.defined.mean():.0f} {seconds:.2f} s"
 
 
+ROWS = {
+    "vertices; faces": ("vertices", "faces"),
+    "of them seen by three keyframes or more, %": ("three sightings",),
+    "double, %": ("double",),
+    "blocked, %": ("blocked",),
+    "edges with three faces; vertices with two fans": ("edges of 3", "fans"),
+    "covered, %": ("covered",),
+    "off, median and 95th percentile over faces, %": ("off", "off 95th, by face"),
+    "off, 95th percentile over their area, %": ("off 95th",),
+    "luminance of faces, error over that of a single frame": ("grey / one",),
+    "direction, median error, degrees; over that of a single frame": ("turned", "turned / one"),
+    "time of session and map, s": ("session, s", "map, s"),
+}
+
+
+def write_table(path: Path, found: dict[str, dict[str, float]]) -> None:
+    """The table of the map's page: a column for each world."""
+    rows = [[said, *("; ".join(f"{world[key]:.3g}" for key in keys) for world in found.values())]
+            for said, keys in ROWS.items()]  # fmt: skip
+    path.write_text(list_table(["", *found], rows), encoding="utf-8")
+
+
+def list_table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    for cells in [head, *rows]:
+        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
+    return "\n".join(lines) + "\n"
+
+
+def draw(folder: Path, name: str, made: Any) -> None:
+    """Pictures of a scene's map for the page."""
+    from tspslam.view import write_map_pictures
+
+    with tempfile.TemporaryDirectory() as drawn:
+        for path in write_map_pictures(made, drawn):
+            shown = f"map_{name}_{path.stem.removeprefix('map_')}.png"
+            if shown in PICTURES:
+                Image.open(path).convert("RGB").quantize(128).save(folder / shown, optimize=True)
+
+
 def line(name: str, found: dict[str, float]) -> str:
     shown = (f"{key} {value:.0f}" if value >= 1000 else f"{key} {value:.3g}" for key, value in found.items())
     return f"{name}: " + ", ".join(shown)
@@ -216,18 +260,25 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("TSPSLAM_DATA"), help="folder of recordings")
     parser.add_argument("--cache", type=Path, help="folder for what is rendered")
     parser.add_argument("--settings", action="store_true", help="what half and double of each setting do")
+    parser.add_argument("--docs", type=Path, help="write the table and the pictures of the scenes there")
     given = parser.parse_args(arguments)
     if given.settings:
         vary_settings(given.world, given.cache, given.data and Path(given.data))
         return
-    for name in given.world:
+    found: dict[str, dict[str, float]] = {}
+    for name in list(SCENES) if given.docs else given.world:
         try:
             world = opened(name, given.data and Path(given.data))
         except InputError as error:
             print(f"{name}: left out: {error}")
             continue
         made, seconds = build(world)
-        print(line(name, figures(made, world, given.cache) | seconds), flush=True)
+        found[name] = figures(made, world, given.cache) | seconds
+        print(line(name, found[name]), flush=True)
+        if given.docs:
+            draw(given.docs / "images", name, made)
+    if given.docs:
+        write_table(given.docs / "mapping_numbers.inc", found)
 
 
 if __name__ == "__main__":

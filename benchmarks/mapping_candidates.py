@@ -137,10 +137,31 @@ def main() -> None:
     parser.add_argument("world", nargs="*", default=[*mapping.SCENES, *mapping.RECORDED])
     parser.add_argument("--data", type=Path, default=os.environ.get("TSPSLAM_DATA"))
     parser.add_argument("--cache", type=Path)
+    parser.add_argument("--docs", type=Path, help="write the table of the scenes there")
     given = parser.parse_args()
-    for name in given.world:
-        for label, figures in measured(name, given.data and Path(given.data), given.cache).items():
+    found = {}
+    for name in list(mapping.SCENES) if given.docs else given.world:
+        found[name] = measured(name, given.data and Path(given.data), given.cache)
+        for label, figures in found[name].items():
             print(f"{label:<46}", mapping.line(name, figures), flush=True)
+    if given.docs:
+        (given.docs / "mapping_candidates.inc").write_text(table(found), encoding="utf-8")
+
+
+def table(found: dict[str, dict[str, dict[str, float]]]) -> str:
+    """A row for each candidate; numbers of the worlds one after another."""
+    head = [
+        ", ".join(found),
+        "edges with three faces",
+        "double, %",
+        "blocked, %",
+        "covered, %",
+        "off, 95th percentile, %",
+    ]
+    keys = ("edges of 3", "double", "blocked", "covered", "off 95th, by face")
+    rows = [[label, *("; ".join(f"{world[label][key]:.2g}" for world in found.values()) for key in keys)]
+            for label in CANDIDATES]  # fmt: skip
+    return mapping.list_table(head, rows)
 
 
 if __name__ == "__main__":

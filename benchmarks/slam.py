@@ -125,7 +125,7 @@ HEAD = [
 def memory(frames: int) -> list[float]:
     """Largest resident memory, MB, beyond what a first frame needs, after each quarter of a walk in circles."""
     sequence = synthetic.SyntheticSequence(synthetic.room(laps=frames / 240), synthetic.PAPER_RIG, NOISE)
-    session, marks = Session(sequence.rig), []
+    session, marks = Session(sequence.rig, keep=False), []
     session.process(sequence[0])
     start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for k in range(1, frames):

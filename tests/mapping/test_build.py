@@ -7,8 +7,8 @@ import pytest
 
 from tspslam import Cloud, Frame, Surface, build_complex, sample_signals, set_threads
 from tspslam.errors import GeometryError, InputError
-from tspslam.mapping.build import map_of_frame
-from tspslam.mapping.settings import MappingSettings, ObservationSettings, ViewSettings
+from tspslam.mapping.build import make_map, map_of_frame
+from tspslam.mapping.settings import MappingSettings, ObservationSettings, SurfaceSettings, ViewSettings
 from tspslam.mapping.views import to_camera
 from tspslam.mapping.visibility import face_normals
 from tspslam.topology.harmonic import Tmahf
@@ -262,6 +262,19 @@ def test_a_keyframe_with_a_wild_pose_bends_nothing():
     assert len(found) == 150
     assert found.complex_.euler == 1
     assert np.abs(found.xyz[:, 2] - 4).max() < 1e-3
+    assert found.view_count.face.max() == len(world.views) - 1  # it is not looked through either
+    assert found.view_variance.face.max() < 4 * world.map().view_variance.face.max() + 1e-6
+
+
+def test_no_keyframes_and_too_many_landmarks_are_refused():
+    world = wall(60)
+    with pytest.raises(InputError, match="map: no keyframe, expected one or more"):
+        make_map([], world.snapshot, RIG, Tmahf(), MappingSettings())
+    small = MappingSettings(surface=SurfaceSettings(max_bytes=1e6))
+    with pytest.raises(
+        InputError, match=r"150 landmarks take about 0.0018 GB, expected at most 0.001 \(mapping.surface"
+    ):
+        make_map(wall().views, wall().snapshot, RIG, Tmahf(), small)
 
 
 def test_parts_that_were_never_joined_are_two():

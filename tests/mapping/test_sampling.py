@@ -64,7 +64,7 @@ def literal(shape, views, k):
 def test_signals_are_the_weighted_means_of_spec_5():
     views, shape = small_wall()
     views, true_gain = exposures(views)
-    samples = sample_views(views, RIG, shape, Tmahf(), SETTINGS)
+    samples = sample_views(views, np.arange(len(views)), RIG, shape, Tmahf(), SETTINGS)
     gain = estimate_gains(samples.face, len(views), SETTINGS)
     assert np.log2(gain) == pytest.approx(np.log2(true_gain), abs=0.01)
     every = [literal(shape, views, k)[0] for k in range(len(views))]
@@ -82,7 +82,7 @@ def test_signals_are_the_weighted_means_of_spec_5():
 
 def test_answers_are_the_filter_s_where_the_whole_star_is_inside():
     views, shape = small_wall(60)
-    answer = sample_views(views, RIG, shape, Tmahf(), SETTINGS).answer
+    answer = sample_views(views, np.arange(len(views)), RIG, shape, Tmahf(), SETTINGS).answer
     for k in range(len(views)):
         _, response, is_out = literal(shape, views, k)
         is_cut = np.zeros(len(is_out), bool)
@@ -125,7 +125,7 @@ def test_a_face_nearer_by_less_than_three_deviations_hides_nothing():
 def test_what_no_keyframe_sees_is_zero_and_has_no_view():
     shape = behind_a_shield()
     image = np.random.default_rng(0).integers(0, 255, (RIG.height, RIG.width)).astype(np.uint8)
-    samples = sample_views([View(0, np.eye(4), image)], RIG, shape, Tmahf(), SETTINGS)
+    samples = sample_views([View(0, np.eye(4), image)], np.arange(1), RIG, shape, Tmahf(), SETTINGS)
     is_seen = see_vertices(RIG, np.eye(4), shape, SETTINGS)[1]
     rows = None, shape.complex_.edges, shape.complex_.faces
     for sample, corners, centres in zip((samples.vertex, samples.edge, samples.face), rows, shape.centres, strict=True):
@@ -147,7 +147,7 @@ def test_views_beyond_75_degrees_from_the_normal_do_not_count(degrees, counts):
     at = np.column_stack([corners[:, 0] * np.cos(turn), corners[:, 1], 4 + corners[:, 0] * np.sin(turn)])
     faces = [[4, 1, 0], [4, 2, 1], [4, 3, 2], [4, 0, 3]]
     image = np.random.default_rng(0).integers(0, 255, (RIG.height, RIG.width)).astype(np.uint8)
-    samples = sample_views([View(0, np.eye(4), image)], RIG, shape_of(at, faces), Tmahf(), SETTINGS)
+    samples = sample_views([View(0, np.eye(4), image)], np.arange(1), RIG, shape_of(at, faces), Tmahf(), SETTINGS)
     for sample in samples[:3]:
         assert (len(sample.element) > 0) == counts
     assert set(samples.answer.vertex) <= ({0, 1, 2, 3, 4} if counts else set())

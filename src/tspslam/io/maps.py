@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..topology.complex import Complex
@@ -29,6 +30,9 @@ class Layers(NamedTuple):
     vertex: Columns
     edge: Columns
     face: Columns
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def write_maps(vtu: Path, ply: Path, shown: Frame | TopologicalMap) -> None:

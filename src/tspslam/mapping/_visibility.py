@@ -127,9 +127,9 @@ def hide(points, faces, owner, margin, rows, hidden_by):  # type: ignore[no-unty
         if not z > 0.0:
             continue
         u, v = x / z, y / z
-        if not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
+        if not (-0.5 <= u < width and -0.5 <= v < height):
             continue
-        f = owner[int(v + 0.5), int(u + 0.5)]
+        f = owner[min(int(v + 0.5), height - 1), min(int(u + 0.5), width - 1)]
         hidden_by[r] = -1
         if f < 0 or faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i:
             continue

@@ -46,8 +46,8 @@ class Mean(NamedTuple):
 def estimate_gains(faces: Sample, keyframes: int, settings: ViewSettings) -> FloatArray:
     """Estimate the luminance of the map over that of each keyframe, from the faces that keyframes share.
 
-    The log-ratio of two keyframes is the median over their faces; logs of gains are the least-squares potential of
-    these differences, with mean 0 over the keyframes that are joined.
+    The log-ratio of two keyframes is the median over faces that both see, and at most one between them; logs of gains
+    are the least-squares potential of these differences, with mean 0 over the keyframes that are joined.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..frame import Frame
 from ..topological_map import Levels, Observations, TopologicalMap
 from ..topology.complex import build_complex
@@ -49,9 +50,13 @@ def make_map(
 
     Raises
     ------
+    InputError
+        If there is no keyframe, or the landmarks take too much memory.
     GeometryError
         If the landmarks span no surface.
     """
+    if not views:
+        raise InputError("map: no keyframe, expected one or more")
     views, snapshot = _in_order(views, snapshot)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
@@ -64,7 +69,8 @@ def make_map(
     faces = faces[np.lexsort(np.sort(faces, axis=1).T[::-1])]
     landmarks = landmarks.keep(is_used)
     shape = frame_shape(build_complex(faces, len(landmarks.id)), faces, landmarks.xyz, covariance[is_used])
-    samples = sample_views(views, rig, shape, filter_, settings.views)
+    used = np.unique(landmarks.seen.keyframe)  # a keyframe whose observations are all outliers stood elsewhere
+    samples = sample_views(views, used, rig, shape, filter_, settings.views)
     numbers = np.array([view.number for view in views], np.int64)
     return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .._brief import brief
 from ..errors import GeometryError
-from ..types import FloatArray, Rig
+from ..types import BoolArray, FloatArray, Rig
 from ..vision.slam.bundle import Observations, adjust
 from .settings import ObservationSettings
 from .views import Rows, Sightings, join_sightings
@@ -147,9 +147,15 @@ def place_landmarks(
         found = adjust(rig, T_world_camera, xyz[rows], data, fixed=is_held, max_steps=steps)
         xyz = xyz.copy()
         xyz[rows] = found.xyz
-        seen = seen.take(found.distance <= settings.outlier)
+        seen = seen.take(_agreeing(found.distance <= settings.outlier, seen.keyframe, settings.min_agreement))
     count = np.bincount(seen.landmark, minlength=len(id_))
     return Landmarks(id_, xyz, seen).keep(count >= _LEAST)
+
+
+def _agreeing(is_near: BoolArray, keyframe: Rows, least: float) -> BoolArray:
+    """Observations that are no outliers, of keyframes most of whose are none."""
+    agreeing, every = np.bincount(keyframe, is_near), np.bincount(keyframe)
+    return is_near & (agreeing >= least * every)[keyframe]
 
 
 def measure_covariances(

@@ -168,7 +168,9 @@ class Samples(NamedTuple):
         return brief(self)
 
 
-def sample_views(views: Sequence[View], rig: Rig, shape: Shape, filter_: Filter, settings: ViewSettings) -> Samples:
+def sample_views(
+    views: Sequence[View], rows: Rows, rig: Rig, shape: Shape, filter_: Filter, settings: ViewSettings
+) -> Samples:
     """Sample the map in every keyframe that sees it, and filter it there.
 
     An element is seen where all its vertices are inside the image and hidden by no face; only views within
@@ -178,6 +180,8 @@ def sample_views(views: Sequence[View], rig: Rig, shape: Shape, filter_: Filter,
     ----------
     views : sequence of View
         K keyframes.
+    rows : (L,) int64
+        Which of them to look through.
     rig : Rig
         The cameras.
     shape : Shape
@@ -191,7 +195,7 @@ def sample_views(views: Sequence[View], rig: Rig, shape: Shape, filter_: Filter,
     -------
     Samples
     """
-    several = [_sample(k, view, rig, shape, filter_, settings) for k, view in enumerate(views)]
+    several = [_sample(k, views[k], rig, shape, filter_, settings) for k in rows]
     vertex, edge, face = (_stack([getattr(one, level) for one in several]) for level in ("vertex", "edge", "face"))
     answer = Answer(*map(np.concatenate, zip(*(one.answer for one in several), strict=True)))
     return Samples(vertex, edge, face, answer, np.concatenate([one.seen for one in several]), several[0].order)

@@ -39,6 +39,8 @@ class ObservationSettings(Checked, what="mapping.observations"):
         Standard deviation of a disparity.
     outlier : float
         Length of a residual from which an observation is dropped.
+    min_agreement : float
+        Least share of a keyframe's observations that are no outliers; one with fewer is somewhere else, and not used.
     max_sigma : float
         Largest standard deviation of a landmark in any direction; less certain ones are no vertices.
 
@@ -83,6 +85,9 @@ class ObservationSettings(Checked, what="mapping.observations"):
     )
     outlier: float = setting(
         5.0, 1, 100, unit="sigmas", source="as in tracking; KITTI 05 2.5: 2825, 10: 2865 vertices (2859)"
+    )
+    min_agreement: float = setting(
+        0.3, 0, 1, unit="", source="by hand: of seven recordings and worlds the least has 0.99"
     )
     max_sigma: float = setting(
         0.3, 0.001, 10, unit="m per m of depth", source="by hand; half, twice: one vertex more or less"
