@@ -57,7 +57,7 @@ def gather(session: Session) -> Material:
     numbers = snapshot.keyframe.tolist()
     views = [View(given.index[n], T, given.image_of(n)) for n, T in zip(numbers, snapshot.T_world_camera, strict=True)]
     landmarks = collect_landmarks(views, snapshot, rig, settings)
-    landmarks, covariance = measure_covariances(rig, snapshot.T_world_camera, landmarks, settings.observations)
+    landmarks, covariance = measure_covariances(rig, snapshot.T_world_camera, landmarks, settings.observe)
     rays = make_rays(snapshot.T_world_camera, landmarks, covariance)
     frames = np.array([given.index[n] for n in numbers])
     return Material(rig, snapshot.T_world_camera, landmarks, covariance, rays, frames)

@@ -135,7 +135,7 @@ def test_an_inconsistent_map_is_not_written(tmp_path, bad, said):
 
 
 def test_what_is_no_map_and_a_place_below_a_file_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"map_ is Rig, expected a TopologicalMap: tspslam.load_map\(run\)"):
+    with pytest.raises(InputError, match=r"map_ is Rig, expected a TopologicalMap: what tspslam.build_map makes"):
         write_map(tmp_path / "a.npz", RIG)
     saved(tmp_path, b"", "file")
     with pytest.raises(OutputError):

@@ -312,7 +312,7 @@ def test_directions_are_unit_tangents_where_defined(tangent):
 
 def test_no_keyframe_need_be_looked_at_for_landmarks():
     world = rough()
-    blind = MappingSettings(observations=ObservationSettings(misses=1, neighbours=1, revisits=0))
+    blind = MappingSettings(observe=ObservationSettings(misses=1, neighbours=1, revisits=0))
     assert names(world.map(blind)) == names(world.map())
 
 

@@ -99,8 +99,8 @@ def test_its_files_are_no_output_all_the_same(capsys, made, tmp_path):
 
 
 def test_a_folder_of_a_version_to_come_is_refused_too(made, tmp_path):
-    later = aged(made, tmp_path / "later", first_line="# tspslam run, format 3")
-    with pytest.raises(InputError, match="is a run folder of format 3, as another version of tspslam makes them"):
+    later = aged(made, tmp_path / "later", first_line="# tspslam run, format 4")
+    with pytest.raises(InputError, match="is a run folder of format 4, as another version of tspslam makes them"):
         load_run(later)
 
 

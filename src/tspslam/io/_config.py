@@ -25,7 +25,7 @@ def format_of(beginning: bytes) -> int | None:
     Examples
     --------
     >>> format_of(MARK.encode()), format_of(b"# tspslam run\n"), format_of(b"detector: orb\n")
-    (2, 1, None)
+    (3, 1, None)
     """
     found = _MARKED.match(beginning)
     return int(found[1] or 1) if found else None

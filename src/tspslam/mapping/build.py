@@ -60,7 +60,7 @@ def make_map(
     views, snapshot = _in_order(views, snapshot)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
-    landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observations)
+    landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observe)
     rays = make_rays(T, landmarks, covariance)
     faces = cut_surface(rig, T, landmarks.xyz, rays, settings.surface, settings.views)
     is_used = np.zeros(len(landmarks.id), np.bool_)
@@ -106,9 +106,9 @@ def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, se
         snapshot.uv,
         snapshot.disparity,
     )
-    found = find_again(views, rig, snapshot.xyz, known, settings.observations)
-    seen = join_observations(known, found, len(snapshot.xyz), len(views), settings.observations)
-    given = snapshot.landmark_id, snapshot.xyz, seen, settings.observations
+    found = find_again(views, rig, snapshot.xyz, known, settings.observe)
+    seen = join_observations(known, found, len(snapshot.xyz), len(views), settings.observe)
+    given = snapshot.landmark_id, snapshot.xyz, seen, settings.observe
     return place_landmarks(rig, snapshot.T_world_camera, *given)
 
 

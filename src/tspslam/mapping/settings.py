@@ -12,7 +12,7 @@ Tangent = Literal["projection", "gradient"]
 
 
 @dataclass(frozen=True)
-class ObservationSettings(Checked, what="mapping.observations"):
+class ObservationSettings(Checked, what="mapping.observe"):
     """How landmarks are looked for in the keyframes that did not track them.
 
     Parameters
@@ -197,7 +197,7 @@ class MappingSettings(Checked, what="mapping"):
 
     Parameters
     ----------
-    observations : ObservationSettings
+    observe : ObservationSettings
         How landmarks are looked for in further keyframes.
     surface : SurfaceSettings
         How the surface is cut.
@@ -215,13 +215,13 @@ class MappingSettings(Checked, what="mapping"):
     3.0
     """
 
-    observations: ObservationSettings = field(default_factory=ObservationSettings)
+    observe: ObservationSettings = field(default_factory=ObservationSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
     views: ViewSettings = field(default_factory=ViewSettings)
 
     def __post_init__(self) -> None:
         """Check the kinds."""
         super().__post_init__()
-        kinds = {"observations": ObservationSettings, "surface": SurfaceSettings, "views": ViewSettings}
+        kinds = {"observe": ObservationSettings, "surface": SurfaceSettings, "views": ViewSettings}
         for name, kind in kinds.items():
             require(getattr(self, name), kind, f"mapping: {name}")

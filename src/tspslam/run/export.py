@@ -50,11 +50,13 @@ def export(
         If it cannot be written.
     """
     folder = RunFolder.open(run)
-    is_map = frame is None and to != "npz" and len(folder.stored_frames) > 1 and folder.map_npz_path.exists()
+    is_map = frame is None and to != "npz" and folder.map_npz_path.exists()
+    made = load_map(run) if is_map else None
+    is_map = made is not None and len(made.keyframes) > 1
     stored = folder.map_npz_path if is_map else folder.finished_frame(frame or 0)
     target = output or Path(f"{run.resolve().name}-{stored.stem}.{to}")
     _refuse_place(target, run, to, is_forced)
-    _WRITERS[to](target, load_map(run) if is_map else read_frame(stored))
+    _WRITERS[to](target, made if is_map else read_frame(stored))
     return target
 
 
