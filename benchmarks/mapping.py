@@ -125,8 +125,8 @@ def signal_figures(made: Any, rig: Rig, clean: np.ndarray, taken: np.ndarray) ->
     ok = np.asarray(made.signals.face_ok) & one_ok
     grey = signals.luminance_error(made.signals.face, ok, best[:, 0], true_ok)
     found = {"grey": grey, "grey / one": grey / signals.luminance_error(one[:, 1], ok, best[:, 0], true_ok)}
-    single, _ = signals.one_view_directions(*seen, taken)
-    filtered, _ = signals.one_view_directions(*seen, clean, seed=None)
+    single, _ = signals.one_view_directions(*seen, taken, how="projection")
+    filtered, _ = signals.one_view_directions(*seen, clean, seed=None, how="projection")
     ok, strength = np.asarray(made.defined) & single.ok, made.response.magnitude
     for name, true in (("turned", signals.true_directions(*seen, clean)), ("turned by noise", filtered)):
         ours, one = (  # the same vertices in both: the strongest half by the map's response
@@ -239,7 +239,7 @@ def draw(folder: Path, name: str, made: Any) -> None:
         for path in write_map_pictures(made, drawn):
             shown = f"map_{name}_{path.stem.removeprefix('map_')}.png"
             if shown in PICTURES:
-                Image.open(path).convert("RGB").quantize(128).save(folder / shown, optimize=True)
+                Image.open(path).convert("RGB").quantize(256).save(folder / shown, optimize=True)
 
 
 def line(name: str, found: dict[str, float]) -> str:

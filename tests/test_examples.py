@@ -110,3 +110,25 @@ def test_a_benchmark_finds_what_it_measures(name):
     if name == "bundle_gtsam":
         pytest.importorskip("gtsam", reason="GTSAM is not installed: the comparison with it needs it")
     importlib.import_module(f"benchmarks.{name}")
+
+
+def test_one_map_of_a_room_takes_all_tools(tmp_path):
+    printed = run_example("06_one_map.py", tmp_path, tmp_path / "pictures")
+    vertices, faces, keyframes = numbers(printed, "map:")
+    views, unseen = numbers(printed, "views of a face:")
+    defined, spread = numbers(printed, "directions:")
+    (noise,) = numbers(printed, "luminance of a face differs by")
+    parts, loops = numbers(printed, "holes:")
+    polygons, of_faces, luminance = numbers(printed, "cells:")
+    assert vertices < faces < 2 * vertices
+    assert keyframes >= 5
+    assert views >= 2
+    assert unseen < 15
+    assert defined > 85
+    assert spread < 15
+    assert 0 < noise < 0.02
+    assert parts >= 1
+    assert loops >= 0
+    assert of_faces == faces > 4 * polygons
+    assert 0.2 < luminance < 0.8
+    assert numbers(printed, "pictures:")[0] == len(list((tmp_path / "pictures").glob("*.png"))) == 4
