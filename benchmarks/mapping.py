@@ -219,9 +219,13 @@ ROWS = {
 
 def write_table(path: Path, found: dict[str, dict[str, float]]) -> None:
     """The table of the map's page: a column for each world."""
-    rows = [[said, *("; ".join(f"{world[key]:.3g}" for key in keys) for world in found.values())]
+    rows = [[said, *("; ".join(rounded(world[key], 3) for key in keys) for world in found.values())]
             for said, keys in ROWS.items()]  # fmt: skip
     path.write_text(list_table(["", *found], rows), encoding="utf-8")
+
+
+def rounded(value: float, digits: int) -> str:
+    return f"{value:.0f}" if value >= 10**digits else f"{value:.{digits}g}"
 
 
 def list_table(head: list[str], rows: list[list[str]]) -> str:

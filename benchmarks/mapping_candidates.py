@@ -159,7 +159,7 @@ def table(found: dict[str, dict[str, dict[str, float]]]) -> str:
         "off, 95th percentile, %",
     ]
     keys = ("edges of 3", "double", "blocked", "covered", "off 95th, by face")
-    rows = [[label, *("; ".join(f"{world[label][key]:.2g}" for world in found.values()) for key in keys)]
+    rows = [[label, *("; ".join(mapping.rounded(world[label][key], 2) for world in found.values()) for key in keys)]
             for label in CANDIDATES]  # fmt: skip
     return mapping.list_table(head, rows)
 
