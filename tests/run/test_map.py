@@ -224,3 +224,29 @@ def test_a_live_map_follows_its_landmarks(session):
     rows = np.searchsorted(moved.landmark_id, joined.landmark_id[old])
     assert old.sum() > 50
     assert np.array_equal(joined.xyz[old], moved.xyz[rows])
+
+
+def test_parts_that_share_no_landmark_are_told(session):
+    from tspslam.run.summary import doubts_of_map
+
+    made = build_map(session)
+    assert list(doubts_of_map(made, len(made))) == []
+    seen = made.observations
+    half = len(made.keyframes) // 2
+    is_first = np.zeros(len(made), bool)
+    is_first[seen.vertex[seen.keyframe < half]] = True
+    kept = (seen.keyframe < half) | ~is_first[seen.vertex]
+    start = np.searchsorted(seen.vertex[kept], np.arange(len(made) + 1))
+    columns = {name: getattr(seen, name)[kept] for name in ("keyframe", "uv", "disparity", "weight")}
+    apart = replace(made, observations=replace(seen, start=start, **columns))
+    (warning,) = doubts_of_map(apart, len(made))
+    assert warning["code"] == "map_parts"
+    assert f"in 2 parts that share no landmark ({half} from frame 0;" in warning["message"]
+
+
+def test_few_vertices_for_many_landmarks_are_told(session):
+    from tspslam.run.summary import doubts_of_map
+
+    made = build_map(session)
+    (warning,) = doubts_of_map(made, 6 * len(made))
+    assert warning["code"] == "thin_map"

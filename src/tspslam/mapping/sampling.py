@@ -262,17 +262,17 @@ def see_vertices(
     Returns
     -------
     uv : (N, 2) float64
-        px; NaN behind the camera.
+        px; u is NaN behind the camera.
     is_seen : (N,) bool
         Whether it is inside the image and hidden by no face.
     """
     local = to_camera(shape.xyz, T_world_camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = local[:, 0] / local[:, 2], local[:, 1] / local[:, 2]
-    uv = np.column_stack([rig.fx * x + rig.skew * y + rig.cx, rig.fy * y + rig.cy])
-    uv[local[:, 2] <= 0] = np.nan
-    with np.errstate(invalid="ignore"):
-        rows = np.flatnonzero(((uv >= 0) & (uv <= (rig.width - 1, rig.height - 1))).all(axis=1))
+    u, v = rig.fx * x + rig.skew * y + rig.cx, rig.fy * y + rig.cy
+    u[local[:, 2] <= 0] = np.nan
+    rows = np.flatnonzero((u >= 0) & (u <= rig.width - 1) & (v >= 0) & (v <= rig.height - 1))
+    uv = np.column_stack([u, v])
     along = shape.xyz[rows] - T_world_camera[:3, 3]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     sigma = depth_sigmas(shape.covariance, rows, along)
@@ -285,8 +285,9 @@ def see_vertices(
 def _restrict(complex_: Complex, is_seen: BoolArray) -> _Part:
     """The part of a complex whose vertices are all seen."""
     vertex = np.flatnonzero(is_seen)
-    edge = np.flatnonzero(is_seen[complex_.edges].all(axis=1))
-    face = np.flatnonzero(is_seen[complex_.faces].all(axis=1))
+    edge = np.flatnonzero(is_seen[complex_.edges[:, 0]] & is_seen[complex_.edges[:, 1]])
+    a, b, c = complex_.faces.T
+    face = np.flatnonzero(is_seen[a] & is_seen[b] & is_seen[c])
     new_vertex, new_edge = (np.empty(size, np.int32) for size in (complex_.n, len(complex_.edges)))
     new_vertex[vertex], new_edge[edge] = np.arange(len(vertex)), np.arange(len(edge))
     faces, sides = new_vertex[complex_.faces[face]], new_edge[complex_.face_edges[face]]

@@ -262,8 +262,10 @@ def _is_seen(
     """Whether a keyframe sees each face from the front, and few landmarks are seen through it."""
     normals, corner = face_normals(xyz, faces), xyz[faces[:, 0]]
     pixels, hidden = np.zeros(len(faces), np.int64), []
+    by_keyframe = np.argsort(rays.keyframe, kind="stable")
+    ends = np.searchsorted(rays.keyframe[by_keyframe], np.arange(len(T_world_camera) + 1))
     for k in np.unique(rays.keyframe):  # one without a ray stood elsewhere
-        rows, T = np.flatnonzero(rays.keyframe == k), T_world_camera[k]
+        rows, T = by_keyframe[ends[k] : ends[k + 1]], T_world_camera[k]
         sight = look(rig, T, xyz, faces)
         sight.count_pixels(np.einsum("fi,fi->f", normals, T[:3, 3] - corner) > 0, pixels)
         by = sight.hidden_by(rays.vertex[rows], views.hidden * rays.sigma[rows])

@@ -24,7 +24,6 @@ Warning_ = dict[str, str]
 # frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
 # 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
 _FEW = 0.08
-_PART = 0.05  # of the vertices; smaller parts are what stands apart in every street: signs, poles, tree tops
 _THIN = 0.2  # of the landmarks; of seven recordings and worlds the thinnest has 0.5
 _AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
@@ -127,17 +126,30 @@ def doubts_of_map(made: TopologicalMap, landmarks: int) -> Iterator[Warning_]:
     dict of str to str
         A ``code`` and a ``message``.
     """
-    sizes = np.bincount(made.part)
-    large = sizes[sizes >= _PART * len(made)]
-    if len(large) > 1:
-        said = ", ".join(map(str, large[:3]))
-        yield {
-            "code": "map_parts",
-            "message": f"the map is in {len(large)} large parts that no face joins: {said} vertices",
-        }
+    groups = _joined_keyframes(made)
+    if len(groups) > 1:
+        said = "; ".join(f"{len(group)} from frame {group[0]}" for group in groups[:3])
+        message = (
+            f"the map is in {len(groups)} parts that share no landmark ({said} keyframes): "
+            "where they stand to one another is a guess"
+        )
+        yield {"code": "map_parts", "message": message}
     if len(made) < _THIN * landmarks:
         message = f"the map has {len(made)} vertices for {landmarks} landmarks: few of these are seen by two keyframes"
         yield {"code": "thin_map", "message": message}
+
+
+def _joined_keyframes(made: TopologicalMap) -> list[list[int]]:
+    """Frames of the keyframes that vertices join, group by group; those that see no vertex are left out."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    seen, count = made.observations, len(made.keyframes)
+    size = count + len(made)
+    edges = coo_array((np.ones(len(seen), np.int8), (seen.keyframe, count + seen.vertex)), shape=(size, size))
+    _, label = connected_components(edges, directed=False)
+    used = np.unique(seen.keyframe)
+    return [made.keyframes[used[label[used] == one]].tolist() for one in dict.fromkeys(label[used].tolist())]
 
 
 def _stereo_odometry(session: Session) -> StereoOdometry | None:
