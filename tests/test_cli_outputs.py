@@ -13,7 +13,7 @@ from tests.datasets import standard
 from tests.io.test_topological import map_
 from tests.test_cli import complain, content, type_in
 from tspslam import Frame, InputError, Rig
-from tspslam.io import RunFolder, read_frame, read_ply, read_vtu, write_frame, write_map, write_ply, write_tum
+from tspslam.io import RunFolder, read_frame, read_map, read_ply, read_vtu, write_frame, write_map, write_ply, write_tum
 from tspslam.topology.complex import build_complex
 from tspslam.types import Cloud, Response, Signals, Surface
 from tspslam.view import write_path_picture
@@ -169,7 +169,9 @@ def test_an_export_of_a_run_with_a_map_is_the_map_unless_a_frame_is_named(capsys
     assert type_in(capsys, "export", run, "--to", "ply")[:2] == (0, "wrote run-map.ply\n")
     assert np.array_equal(read_vtu("run-map.vtu").xyz, map_().xyz)
     assert np.array_equal(read_ply("run-map.ply").faces, map_().surface.faces)
-    for more in (["--frame", "0"], ["--to", "npz"]):
+    assert type_in(capsys, "export", run, "--to", "npz")[:2] == (0, "wrote run-map.npz\n")
+    assert np.array_equal(read_map("run-map.npz").xyz, map_().xyz)
+    for more in (["--frame", "0"], ["--frame", "0", "--to", "npz"], ["--to", "npz"]):
         assert type_in(capsys, "export", run, *more)[0] == 0
     assert np.array_equal(read_vtu("run-000000.vtu").xyz, frame().cloud.xyz)
     assert np.array_equal(read_frame("run-000000.npz").cloud.xyz, frame().cloud.xyz)

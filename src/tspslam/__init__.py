@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from .io.runs import load_run as load_run
     from .io.topological import load_map as load_map
     from .mapping.settings import MappingSettings as MappingSettings
+    from .mapping.settings import ObservationSettings as ObservationSettings
+    from .mapping.settings import SurfaceSettings as SurfaceSettings
+    from .mapping.settings import ViewSettings as ViewSettings
     from .run.live import LiveMap as LiveMap
     from .run.map import build_map as build_map
     from .session import Odometry as Odometry
@@ -180,7 +183,7 @@ _HOMES = {
     "vision.calibration.formats": ("read_calibration",),
     "vision.stereo.dense": ("cloud_from_depth", "cloud_from_disparity"),
     "vision.visibility": ("visible_uv",),
-    "mapping.settings": ("MappingSettings",),
+    "mapping.settings": ("MappingSettings", "ObservationSettings", "SurfaceSettings", "ViewSettings"),
     "run.live": ("LiveMap",),
     "run.map": ("build_map",),
     "session": ("Odometry", "Session"),
@@ -191,6 +194,7 @@ _ROOMS = ("datasets", "interop", "io", "view")
 _FILES = (  # of common names: not for *
     "errors",
     "frame",
+    "mapping",
     "run",
     "session",
     "settings",

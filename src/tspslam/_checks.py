@@ -11,6 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError
 
 _WAYS = {
+    "Session": "tspslam.Session(rig) makes one",
+    "MappingSettings": "tspslam.MappingSettings(surface=tspslam.SurfaceSettings(longest=0.3)), say",
+    "ObservationSettings": "tspslam.ObservationSettings(misses=1), say",
+    "SurfaceSettings": "tspslam.SurfaceSettings(longest=0.3), say",
+    "ViewSettings": "tspslam.ViewSettings(max_angle=80), say",
     "TopologicalMap": "what tspslam.build_map makes and tspslam.load_map reads",
     "StereoPair": "tspslam.read_pair(left, right, calib) reads one from files",
     "Rig": "tspslam.load_rig(path) reads one from a file",

@@ -160,8 +160,9 @@ def map_command(
     from .run.export import MAP_FORMATS, export_map_anew
 
     _check_suffix(output or Path("map.npz"), list(MAP_FORMATS), "--output")
-    target = export_map_anew(run, output, assignments or (), is_forced=force)
-    _say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
+    made = export_map_anew(run, output, assignments or (), is_forced=force)
+    said = ", ".join(f"{count} {name}" for name, count in made.items() if name != "written")
+    _say(json.dumps(made) if as_json else f"wrote {made['written']}: {said}")
 
 
 @app.command("eval")
@@ -438,13 +439,9 @@ def _finish(result: RunResult, as_json: bool) -> None:
     else:
         sizes = run["complex"]
         _say(f"{run['status']}: {run['frames']} frame(s), {run.get('keyframes', 1)} keyframe(s); {sizes['n']} points, "
-             f"{sizes['edges']} edges, {sizes['faces']} faces, {_defined(run)} responses")  # fmt: skip
+             f"{sizes['edges']} edges, {sizes['faces']} faces, {run['defined']} responses")  # fmt: skip
         _say(
             f"pictures: {folder / 'pictures'}", f"report:   {folder / 'report.html'}", f"map:      {folder / 'map.vtu'}"
         )
     if result.is_degraded:
         raise typer.Exit(DEGRADED)
-
-
-def _defined(run: dict[str, Any]) -> int:
-    return int(sum(row.get("defined", 0) for row in run["per_frame"]) if "per_frame" in run else run["defined"])

@@ -75,16 +75,21 @@ class TopologicalMap(Brief):
     complex_ : Complex
         The simplicial complex of these triangles: a manifold with a border.
     signals : Signals
-        Weighted mean luminance over the keyframes that see each element; barycentres and counts of pixels are those of
-        the best view.
+        Weighted mean luminance over the keyframes that see each element, whether it was observed there or not;
+        barycentres and counts of pixels are those of the best view. Exposures are taken out, so that it may exceed 1.
     view_count : Levels
-        How many keyframes each mean is of, int32.
+        How many keyframes each mean is of, int32; 0 where an element is marked.
     view_variance : Levels
-        Variance of the luminance over these keyframes, float64.
+        Variance of the luminance over these keyframes, weighed as the mean, float64; 0 also where there is one.
+    best_view : Levels
+        Keyframe, a row of `keyframes`, of the largest weight, int32; -1 where an element is marked.
     response : Response
-        T-MAHF of each vertex in its best view.
+        T-MAHF of each vertex in its best view that sees the whole star; its phase is an angle in that image.
+    response_view : (N,) int32
+        Keyframe, a row of `keyframes`, of that view; -1 where the response is not defined.
     direction : (N, 3) float64
-        Unit tangent along which the luminance grows, a weighted mean over the views; 0 where it is not defined.
+        Unit tangent along which the luminance grows, a weighted mean over the views; 0 where it is not defined. Its
+        plane is across the area-weighted mean of the normals of the faces around.
     direction_spread : (N,) float64
         Standard deviation of the views' tangents about it, rad; 0 where only one view counts.
     direction_count : (N,) int32
@@ -92,7 +97,7 @@ class TopologicalMap(Brief):
     landmark_id : (N,) int64
         Number of each landmark, ascending; numbers stay while the map grows.
     observations : tspslam.topological_map.Observations
-        Which keyframes see each vertex.
+        In which keyframes each vertex was matched: its place rests on them.
     keyframes : (K,) int64
         Numbers of the frames.
     T_world_camera : (K, 4, 4) float64
@@ -110,7 +115,9 @@ class TopologicalMap(Brief):
     signals: Signals
     view_count: Levels
     view_variance: Levels
+    best_view: Levels
     response: Response
+    response_view: NDArray[np.int32]
     direction: FloatArray
     direction_spread: FloatArray
     direction_count: NDArray[np.int32]

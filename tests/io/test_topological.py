@@ -33,6 +33,8 @@ def map_(**changes):
         ),
         "view_count": Levels(*(np.arange(size, dtype=np.int32) for size in sizes)),
         "view_variance": Levels(*(rng.random(size) for size in sizes)),
+        "best_view": Levels(*(np.arange(size, dtype=np.int32) % 4 - 1 for size in sizes)),
+        "response_view": np.array([2, 0, 1, -1, -1], np.int32),
         "response": Response(rng.normal(size=5) + 1j * rng.normal(size=5), 1, np.arange(5) < 3),
         "direction": np.array([[1.0, 0, 0], [0, 0.6, -0.8], [0, 1, 0], [0, 0, 0], [0, 0, 0]]),
         "direction_spread": rng.random(5),

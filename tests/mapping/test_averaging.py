@@ -125,7 +125,8 @@ def answers(*given):
 
 def test_the_response_is_that_of_the_best_view_and_the_direction_the_mean():
     given = answers((1, 0, 2j, 0.5, 0.2), (3, 0, 1, 0.7, 2.0), (1, 1, 5, 0.9, 0.4), (1, 2, -1, 0.1, 0.3))
-    response, direction, spread, count = average_answers(given, NORMALS, 1)
+    response, best, direction, spread, count = average_answers(given, NORMALS, 1)
+    assert best.tolist() == [-1, 1, -1, 0, -1]
     assert response.z.tolist() == [0, 5, 0, 1, 0]
     assert response.defined.tolist() == [False, True, False, True, False]
     assert count.tolist() == [0, 3, 0, 1, 0]
@@ -141,13 +142,13 @@ def test_tangents_about_a_mean_have_the_spread_that_they_were_drawn_with():
     rng = np.random.default_rng(0)
     angle = rng.normal(1.0, 0.3, 4000)
     given = answers(*((0, k, 1, 1.0, a) for k, a in enumerate(angle)))
-    _, direction, spread, _ = average_answers(given, NORMALS, 1)
+    _, _, direction, spread, _ = average_answers(given, NORMALS, 1)
     assert spread[0] == pytest.approx(0.3, rel=0.05)
     assert np.arctan2(direction[0, 1], direction[0, 0]) == pytest.approx(1.0, abs=0.02)
 
 
 def test_tangents_that_cancel_leave_a_finite_answer():
-    response, direction, spread, count = average_answers(answers((0, 0, 1, 1, 0.0), (0, 1, 3, 1, np.pi)), NORMALS, 1)
+    response, _, direction, spread, count = average_answers(answers((0, 0, 1, 1, 0.0), (0, 1, 3, 1, np.pi)), NORMALS, 1)
     assert np.isfinite(spread).all()
     assert np.isfinite(direction).all()
     assert np.linalg.norm(direction[0]) == pytest.approx(1)

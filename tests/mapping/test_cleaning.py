@@ -11,12 +11,12 @@ from tspslam.mapping.surface import make_manifold
 
 XYZ = np.random.default_rng(0).uniform(-1, 1, (9, 3))
 TRIPLES = st.sets(st.integers(0, 8), min_size=3, max_size=3).map(lambda corners: tuple(sorted(corners)))
-BOOK = [(0, 1, k) for k in range(2, 9)]  # seven faces at one edge
+BOOK = [(0, 1, k) if k % 2 else (1, 0, k) for k in range(2, 9)]  # seven faces at one edge, wound both ways
 BOW = [(0, 1, 2), (0, 3, 4), (0, 4, 5)]  # two fans at one vertex
 FAN = [(0, k, k % 8 + 1) for k in range(1, 9)]
 DOUBLE = [*FAN, (0, 1, 3), (0, 2, 4)]
 CHAIN = [(0, 1, 2), (2, 3, 4), (4, 5, 6), (0, 6, 7)]  # corner to corner around a ring
-BALL = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
+BALL = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
 
 def clean(faces):
@@ -40,8 +40,18 @@ def fans(faces, vertex):
     return count
 
 
+def is_wound_alike(faces):
+    """Whether no side is gone along twice in one direction."""
+    ways = Counter(pair for a, b, c in np.asarray(faces).tolist() for pair in ((a, b), (b, c), (c, a)))
+    return max(ways.values(), default=0) <= 1
+
+
 def is_manifold(faces):
-    return max(sides(faces).values(), default=0) <= 2 and all(fans(faces, v) <= 1 for v in range(len(XYZ)))
+    return (
+        is_wound_alike(faces)
+        and max(sides(faces).values(), default=0) <= 2
+        and all(fans(faces, v) <= 1 for v in range(len(XYZ)))
+    )
 
 
 @given(st.lists(TRIPLES, unique=True, max_size=60))
@@ -77,9 +87,19 @@ def test_a_manifold_stays_and_of_what_is_none_the_most_does(faces, left):
         assert len(clean(faces)) == left
 
 
-def test_of_a_book_the_shortest_two_pages_stay():
+def test_of_a_book_the_shortest_page_of_each_winding_stays():
     around = np.linalg.norm(XYZ[BOOK] - XYZ[np.roll(BOOK, -1, axis=1)], axis=2).sum(axis=1)
-    assert {tuple(face) for face in clean(BOOK).tolist()} == {BOOK[k] for k in np.argsort(around)[:2]}
+    order = [BOOK[k] for k in np.argsort(around)]
+    shortest = {next(face for face in order if face[:2] == way) for way in ((0, 1), (1, 0))}
+    assert {tuple(face) for face in clean(BOOK).tolist()} == shortest
+
+
+def test_what_is_left_turns_one_way():
+    """A Möbius strip of five faces is cut."""
+    strip = [(0, 1, 2), (1, 3, 2), (2, 3, 4), (3, 0, 4), (4, 0, 1)]
+    assert not is_wound_alike(strip)
+    assert is_wound_alike(clean(strip))
+    assert len(clean(strip)) >= 3
 
 
 def test_winding_stays():

@@ -44,6 +44,7 @@ def map_of(sheets, cameras) -> TopologicalMap:
             *values, *(np.zeros((len(x), 2)) for x in values[1:]), *(np.ones(len(x), np.int32) for x in values[1:]), *ok
         ),
         view_count=counts, view_variance=Levels(*(0.01 * x for x in values)),
+        best_view=Levels(*(np.zeros(len(x), np.int32) for x in values)), response_view=np.zeros(n, np.int32),
         response=Response(np.exp(1j * np.arange(n)) * (1 + np.arange(n) % 7), 1, np.ones(n, bool)),
         direction=np.tile([1.0, 0.0, 0.0], (n, 1)), direction_spread=np.full(n, 0.1),
         direction_count=np.full(n, K, np.int32), landmark_id=np.arange(n),

@@ -22,6 +22,8 @@ _ARRAYS: Schema = {
     "surface_faces": ("<i4", ("f", 3)),
     **COMPLEX_SCHEMA,
     **{f"view_count_{level}": ("<i4", (size,)) for level, size in _SIZES.items()},
+    **{f"best_view_{level}": ("<i4", (size,)) for level, size in _SIZES.items()},
+    "response_view": ("<i4", ("n",)),
     **{f"view_variance_{level}": ("<f8", (size,)) for level, size in _SIZES.items()},
     "direction": ("<f8", ("n", 3)),
     "direction_spread": ("<f8", ("n",)),
@@ -44,6 +46,8 @@ def _check_map(arrays: Arrays, lengths: dict[str, tuple[int, ...]]) -> None:
     check_complex(arrays, lengths["n"][0], lengths["e"][0])
     if not np.array_equal(np.sort(arrays["surface_faces"], axis=1), arrays["complex_faces"]):
         raise InputError("has surface_faces that are not complex_faces, each wound one way or the other")
+    views = [name for name in arrays if name.startswith("best_view_") or name == "response_view"]
+    check_limits({name: arrays[name] + 1 for name in views}, dict.fromkeys(views, lengths["k"][0] + 1))
     length = np.linalg.norm(arrays["direction"], axis=1)
     if not ((length == 0) | (np.abs(length - 1) < _UNIT)).all():
         raise InputError("array direction holds one that is neither of length 1 nor 0")

@@ -15,8 +15,10 @@ from ._frame_schema import complex_arrays, complex_of
 from ._map_schema import AGAIN, FORM
 from .runfolder import RunFolder
 
-_PLAIN = ("xyz", "covariance", "direction", "direction_spread", "direction_count", "landmark_id", "keyframes",
-          "T_world_camera", "gain")  # fmt: skip
+_PLAIN = (
+    "xyz", "covariance", "response_view", "direction", "direction_spread", "direction_count", "landmark_id",
+    "keyframes", "T_world_camera", "gain",
+)  # fmt: skip
 
 
 def write_map(path: PathLike, map_: TopologicalMap) -> None:
@@ -38,7 +40,11 @@ def write_map(path: PathLike, map_: TopologicalMap) -> None:
         If the file cannot be written.
     """
     require(map_, TopologicalMap, "map_")
-    levels = [(name, level) for name in ("view_count", "view_variance") for level in Levels._fields]
+    if Path(path).suffix.lower() in (".vtu", ".ply"):
+        raise bad_input(
+            path, "is a name of another format", "a name that ends with .npz; tspslam.io.maps writes VTU, PLY"
+        )
+    levels = [(name, level) for name in ("view_count", "view_variance", "best_view") for level in Levels._fields]
     observations = ("start", "keyframe", "uv", "disparity", "weight")
     values: dict[str, Any] = {
         **rig_arrays(map_.rig),
@@ -90,6 +96,7 @@ def _map(arrays: Arrays) -> TopologicalMap:
         signals=signals,
         view_count=Levels(**part_of(arrays, "view_count_")),
         view_variance=Levels(**part_of(arrays, "view_variance_")),
+        best_view=Levels(**part_of(arrays, "best_view_")),
         response=response,
         observations=Observations(**part_of(arrays, "observations_")),
         rig=rig_of(arrays),

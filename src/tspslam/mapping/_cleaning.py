@@ -9,17 +9,18 @@ from .._jit import inlined, kernel
 
 @kernel
 def limit_edges(faces, n):  # type: ignore[no-untyped-def]
-    """Whether each face stays, taken in order, if no side may have more than two."""
+    """Whether each face stays, taken in order, if a side may have one face in each direction: so they turn alike."""
     count = faces.shape[0]
     head = np.full(n, -1, np.int64)  # of the list of sides of each smaller vertex
     after, other, used = np.empty(3 * count, np.int64), np.empty(3 * count, np.int64), np.zeros(3 * count, np.int8)
     keep = np.zeros(count, np.bool_)
-    sides = np.empty(3, np.int64)
+    sides, ways = np.empty(3, np.int64), np.empty(3, np.int8)
     size = 0
     for f in range(count):
         good = True
         for k in range(3):
             a, b = faces[f, k], faces[f, (k + 1) % 3]
+            ways[k] = 1 if a < b else 2
             if a > b:
                 a, b = b, a
             s = head[a]
@@ -29,11 +30,11 @@ def limit_edges(faces, n):  # type: ignore[no-untyped-def]
                 s, size = size, size + 1
                 other[s], after[s], head[a] = b, head[a], s
             sides[k] = s
-            if used[s] >= 2:
+            if used[s] & ways[k]:
                 good = False
         if good:
             for k in range(3):
-                used[sides[k]] += 1
+                used[sides[k]] |= ways[k]
         keep[f] = good
     return keep
 

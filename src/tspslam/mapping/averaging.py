@@ -27,6 +27,8 @@ class Mean(NamedTuple):
         Weighted mean and variance; 0 without a view.
     views : (n,) int32
         How many.
+    best : (n,) int32
+        Row of the keyframe of the best view, that of the largest weight; -1 without one.
     uv : (n, 2) float64
         Barycentre in the best view, px.
     pixels : (n,) int32
@@ -36,6 +38,7 @@ class Mean(NamedTuple):
     value: FloatArray
     variance: FloatArray
     views: NDArray[np.int32]
+    best: NDArray[np.int32]
     uv: FloatArray
     pixels: NDArray[np.int32]
 
@@ -137,7 +140,9 @@ def average(sample: Sample, gain: FloatArray, count: int) -> Mean:
         spread = np.bincount(at, sample.weight * (off - shift[at]) ** 2, minlength=count) / total
     uv, pixels = np.zeros((count, 2)), np.zeros(count, np.int32)
     uv[is_seen], pixels[is_seen] = sample.uv[first[is_seen]], sample.pixels[first[is_seen]]
-    return Mean(mean + shift, np.where(is_seen, spread, 0.0), views.astype(np.int32), uv, pixels)
+    keyframe = np.full(count, -1, np.int32)
+    keyframe[is_seen] = sample.keyframe[first[is_seen]]
+    return Mean(mean + shift, np.where(is_seen, spread, 0.0), views.astype(np.int32), keyframe, uv, pixels)
 
 
 def best_rows(at: Rows, weight: FloatArray, count: int) -> Rows:
@@ -167,7 +172,7 @@ def best_rows(at: Rows, weight: FloatArray, count: int) -> Rows:
 
 def average_answers(
     answer: Answer, normals: FloatArray, order: int
-) -> tuple[Response, FloatArray, FloatArray, NDArray[np.int32]]:
+) -> tuple[Response, NDArray[np.int32], FloatArray, FloatArray, NDArray[np.int32]]:
     """Take each vertex' response in its best view, and the mean direction over all views.
 
     Parameters
@@ -183,6 +188,8 @@ def average_answers(
     -------
     response : Response
         That of the best view.
+    keyframe : (N,) int32
+        Row of the keyframe of that view; -1 where none counts.
     direction : (N, 3) float64
         Unit mean tangent; 0 where no view counts.
     spread : (N,) float64
@@ -205,4 +212,6 @@ def average_answers(
     resultant = np.clip(length[is_mean] / total[is_mean], _LEAST_RESULTANT, 1.0)
     spread = np.zeros(n)
     spread[is_mean] = np.sqrt(-2 * np.log(resultant))  # of a wrapped normal distribution
-    return Response(z, order, is_seen), direction, spread, count
+    keyframe = np.full(n, -1, np.int32)
+    keyframe[is_seen] = answer.keyframe[best[is_seen]]
+    return Response(z, order, is_seen), keyframe, direction, spread, count

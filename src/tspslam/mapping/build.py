@@ -125,11 +125,12 @@ def _average_all(
         vertex.value, edge.value, face.value, edge.uv, face.uv, edge.pixels, face.pixels,
         vertex.views > 0, edge.views > 0, face.views > 0,
     )  # fmt: skip
-    response, direction, spread, count = average_answers(samples.answer, shape.normals[0], samples.order)
+    response, best, direction, spread, count = average_answers(samples.answer, shape.normals[0], samples.order)
     return TopologicalMap(
         xyz=shape.xyz, covariance=shape.covariance, surface=Surface(shape.faces), complex_=shape.complex_,
         signals=signals, view_count=Levels(vertex.views, edge.views, face.views),
-        view_variance=Levels(vertex.variance, edge.variance, face.variance), response=response,
+        view_variance=Levels(vertex.variance, edge.variance, face.variance),
+        best_view=Levels(vertex.best, edge.best, face.best), response=response, response_view=best,
         direction=direction, direction_spread=spread, direction_count=count, landmark_id=landmarks.id,
         observations=_observations(landmarks.seen, shape, samples.seen, T, settings), keyframes=keyframes,
         T_world_camera=T, gain=gain, rig=rig,
@@ -180,7 +181,9 @@ def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> Topologi
     counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
     return TopologicalMap(
         xyz=xyz, covariance=covariance, surface=Surface(faces), complex_=frame.complex_, signals=signals,
-        view_count=counts, view_variance=Levels(*(np.zeros(len(ok)) for ok in counts)), response=frame.response,
+        view_count=counts, view_variance=Levels(*(np.zeros(len(ok)) for ok in counts)),
+        best_view=Levels(*(ok - 1 for ok in counts)), response=frame.response,
+        response_view=frame.response.defined.astype(np.int32) - 1,
         direction=np.where(frame.response.defined[:, None], direction, 0.0), direction_spread=np.zeros(n),
         direction_count=frame.response.defined.astype(np.int32),
         landmark_id=np.full(n, -1) if frame.landmark is None else frame.landmark,

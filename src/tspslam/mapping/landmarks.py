@@ -205,7 +205,10 @@ def measure_covariances(
         np.linalg.eigvalsh(information)[:, 0] * (settings.max_sigma * depth) ** 2 >= 1 if n else np.empty(0, bool)
     )
     if not is_known.any():
-        raise GeometryError(f"map: {n} landmarks are seen by two keyframes or more, none with a depth; expected some")
+        wanted = f"some to {settings.max_sigma:g} of their depth (mapping.observe.max_sigma)"
+        raise GeometryError(
+            f"map: {n} landmarks are seen by two keyframes or more, the place of none is known; expected {wanted}"
+        )
     return landmarks.keep(is_known), np.linalg.inv(information[is_known])
 
 

@@ -16,7 +16,7 @@ from ..errors import GeometryError, InputError
 from ..types import BoolArray, FloatArray, Rig
 from .landmarks import Landmarks, depth_sigmas
 from .settings import SurfaceSettings, ViewSettings
-from .views import Rows
+from .views import Rows, to_camera
 from .visibility import face_normals, look
 
 Faces = NDArray[np.int32]
@@ -115,13 +115,23 @@ def cut_surface(
     if expected > settings.max_bytes:
         way = f"at most {settings.max_bytes / 1e9:.3g} (mapping.surface.max_bytes): fewer frames, or more memory"
         raise InputError(f"map: {len(xyz)} landmarks take about {expected / 1e9:.3g} GB, expected {way}")
-    cells = _tetrahedra(xyz, rays.origin)
-    faces = _border(cells, _full(cells, rays, settings), len(xyz))
+    middle = _middle_pose(T_world_camera)  # whose axes the box takes, so that it moves with the world
+    origins = np.ascontiguousarray(to_camera(rays.origin, middle))
+    cells = _tetrahedra(to_camera(xyz, middle), origins)
+    faces = _border(cells, _full(cells, rays._replace(origin=origins), settings), len(xyz))
     faces = make_manifold(faces[_is_short(xyz, faces, rays, len(T_world_camera), settings)], xyz)
     faces = make_manifold(faces[_is_seen(rig, T_world_camera, xyz, faces, rays, settings, views)], xyz)
     if not len(faces):
-        raise GeometryError(f"map: {len(xyz)} landmarks span no surface, expected some apart from one line")
+        wanted = "some apart from one line, with neighbours in mapping.surface.longest"
+        raise GeometryError(f"map: {len(xyz)} landmarks span no surface, expected {wanted}")
     return faces
+
+
+def _middle_pose(T_world_camera: FloatArray) -> FloatArray:
+    """Pose of the keyframe nearest to the middle of all."""
+    centres = T_world_camera[:, :3, 3]
+    pose: FloatArray = T_world_camera[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))]
+    return pose
 
 
 class _Cells(NamedTuple):
@@ -229,7 +239,7 @@ def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, keyframes: int, setting
 
 
 def make_manifold(faces: Faces, xyz: FloatArray) -> Faces:
-    """Drop faces until each edge has two at most, and each vertex one fan: short faces and large fans stay.
+    """Drop faces until each edge has two at most, wound alike, and each vertex one fan; short faces, large fans stay.
 
     Parameters
     ----------

@@ -45,6 +45,7 @@ CALIBRATION = Kind("calibration of ours", (".yaml", ".yml"), rb"(T_right_left|ba
 MAPS = {
     "vtu": Kind("VTU", (".vtu",), _XML + rb"<VTKFile\b"),
     "ply": Kind("PLY", (".ply",), rb"ply\r?\n"),
+    "map": Kind("map of ours", (".npz",), rb"PK\x03\x04.{26}magic\.npy.{,200}tspslam map"),
     "npz": Kind("frame of ours", (".npz",), rb"PK\x03\x04.{26}magic\.npy.{,200}tspslam frame"),
 }
 PICTURES = {

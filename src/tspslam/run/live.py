@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._checks import require
-from ..errors import GeometryError
+from ..errors import GeometryError, InputError
 from ..mapping.settings import MappingSettings
 from ..mapping.surface import make_manifold
 from ..session import Session
@@ -18,6 +18,7 @@ from ..topological_map import Levels, Observations, TopologicalMap
 from ..topology.complex import Complex, build_complex
 from ..types import FloatArray, Response, Signals, Surface
 from ..vision.slam.map import MapSnapshot
+from ..vision.slam.odometry import StereoOdometry
 from .map import Keyframes, join_keyframes, kept_keyframes
 
 Pair = tuple[NDArray[np.int64], ...]  # of the old map, of the part made anew
@@ -35,7 +36,7 @@ class LiveMap:
     Parameters
     ----------
     session : Session
-        Which keeps its keyframes, with the odometry of its own images.
+        Which keeps its keyframes, with the odometry of its own images: others have no landmarks that stay.
     mapping : MappingSettings, optional
         How; as in the session's settings by default.
 
@@ -43,6 +44,11 @@ class LiveMap:
     ----------
     map : TopologicalMap or None
         As of the last update; None before the first two keyframes.
+
+    Raises
+    ------
+    InputError
+        If the session's poses come from elsewhere.
 
     Examples
     --------
@@ -59,6 +65,10 @@ class LiveMap:
 
     def __init__(self, session: Session, mapping: MappingSettings | None = None) -> None:
         require(session, Session, "session")
+        if not isinstance(session.odometry, StereoOdometry):
+            raise InputError(
+                "live map: the session's poses come from elsewhere, expected StereoOdometry: build_map takes both"
+            )
         self.map: TopologicalMap | None = None
         self._session, self._mapping = session, mapping
 
@@ -125,10 +135,11 @@ def _follow_merges(ids: NDArray[np.int64], merged: NDArray[np.int64]) -> NDArray
 
 
 def _observed(snapshot: MapSnapshot, local: TopologicalMap, given: Keyframes) -> NDArray[np.int64]:
-    """Landmarks that the keyframes of a part see."""
+    """Landmarks that two keyframes of a part see: what becomes of them there counts."""
     index = np.array([given.index.get(number, -1) for number in snapshot.keyframe.tolist()])
     rows = np.repeat(np.isin(index, local.keyframes), np.diff(snapshot.start))
-    return snapshot.observed_id[rows]
+    ids, times = np.unique(snapshot.observed_id[rows], return_counts=True)
+    return np.union1d(ids[times > 1], local.landmark_id)
 
 
 def _distinct(faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -161,6 +172,9 @@ class _Union:
         at = {"vertex": self.rows, "edge": self._edges(complex_), "face": self._faces(complex_)}
         sizes = {"vertex": complex_.n, "edge": len(complex_.edges), "face": len(complex_.faces)}
 
+        keyframes = np.union1d(self.old.keyframes, self.local.keyframes)
+        self.old, self.local = (_with_views_of(one, keyframes) for one in (self.old, self.local))
+
         def carry(level: str, name: str, power: int = 0) -> NDArray[Any]:
             old, local = (_read(one, name) for one in (self.old, self.local))
             return _carried(old, local * self.scale**power if power else local, at[level], sizes[level])
@@ -174,11 +188,12 @@ class _Union:
         def vertex(name: str) -> NDArray[Any]:
             return carry("vertex", name)
 
-        keyframes = np.union1d(self.old.keyframes, self.local.keyframes)
         return TopologicalMap(
             xyz=xyz[used], covariance=vertex("covariance"), surface=Surface(faces), complex_=complex_,
             signals=Signals(**{each.name: field(each.name) for each in fields(Signals)}),
             view_count=level("view_count"), view_variance=level("view_variance", 2),
+            best_view=Levels(*(carry(each, f"best_view.{each}") for each in Levels._fields)),
+            response_view=vertex("response_view"),
             response=Response(vertex("response.z"), self.local.response.order, vertex("response.defined")),
             direction=vertex("direction"), direction_spread=vertex("direction_spread"),
             direction_count=vertex("direction_count"), landmark_id=self.every[used],
@@ -253,6 +268,14 @@ def _places(known: NDArray[np.integer], wanted: NDArray[np.integer]) -> NDArray[
     """Where each of `wanted` is in `known`, which ascends; -1 where it is not."""
     at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
     return np.where(known[at] == wanted, at, -1)
+
+
+def _with_views_of(one: TopologicalMap, keyframes: NDArray[np.int64]) -> TopologicalMap:
+    """A map whose best views are rows of other keyframes, all of its own among them."""
+    rows = np.append(np.searchsorted(keyframes, one.keyframes), -1).astype(np.int32)  # row -1 stays
+    return replace(
+        one, best_view=Levels(*(rows[best] for best in one.best_view)), response_view=rows[one.response_view]
+    )
 
 
 def _read(one: TopologicalMap, name: str) -> NDArray[Any]:

@@ -26,8 +26,6 @@ from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
 
-MAP = "map"
-"""What ``timings.json`` calls the making of the map."""
 Progress = Callable[[int, int, str], None]
 
 
@@ -123,7 +121,8 @@ def run(
         finally:
             sequence.session.close()
         total = time.perf_counter() - started
-        folder.write_timings({"frames": sequence.seconds, "total_s": total, "machine": machine()})
+        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
+        folder.write_timings(times | {"machine": machine()})
     return RunResult(Path(out), record)
 
 
@@ -221,7 +220,7 @@ def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> d
         write_map(folder.map_npz_path, made)
         paths.append(folder.map_npz_path)
     watch.lap("map")
-    sequence.seconds[MAP] = watch.seconds
+    sequence.map_seconds = watch.seconds["map"]
     record = describe_map(record, made, warnings)
     paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
     shown = read_frame(folder.frame_path(sequence.stored[0].index))

@@ -86,12 +86,15 @@ class SequenceRun:
         One for each pair tried.
     seconds : dict
         Time of each stage, s, by the name of the frame; varies from run to run.
+    map_seconds : float
+        Time of making the map at the end, s; 0 where it was there.
     """
 
     def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
         self.source, self.wanted, self.session, self.folder = source, wanted, session, folder
         self.rows: list[Row] = []
         self.seconds: dict[str, dict[str, float]] = {}
+        self.map_seconds = 0.0
         self._errors: dict[int, InputError] = {}
         self._writing: list[tuple[int, Future[FrameRecord]]] = []  # place in `rows`, its record once it is written
         self._resume()

@@ -68,6 +68,7 @@ def summarize_run(
         "landmarks": len(odometry.map.xyz) if odometry else 0,
         "loops": odometry.loops if odometry else 0,
         "complex": _sizes(stored),
+        "defined": defined,
         "calibration": _calibration(stored, odometry if len(tracked) > 1 else None) | bits,
         "warnings": list(_warnings(rows, session, unpaired)),
         "per_frame": [_row(row) for row in tracked],
@@ -108,7 +109,7 @@ def describe_map(record: dict[str, Any], made: TopologicalMap | None, warnings: 
         "faces_seen": int(made.signals.face_ok.sum()),
         "defined": int(made.defined.sum()),
     }
-    return record | {"complex": sizes, "map": told, "warnings": both}
+    return record | {"complex": sizes, "defined": told["defined"], "map": told, "warnings": both}
 
 
 def doubts_of_map(made: TopologicalMap, landmarks: int) -> Iterator[Warning_]:
@@ -299,7 +300,5 @@ def _surfaces(unpaired: Sequence[str], stored: list[ComplexRecord]) -> Iterator[
     for verdict in sorted(broken):
         yield {"code": "surface", "message": verdict}
     if pinched and not broken:
-        message = (
-            f"the surface is not a manifold at {pinched} vertices (frames/*.json): depth cuts left several fans there"
-        )
+        message = f"keyframes' own surfaces are no manifolds at {pinched} vertices (frames/*.json), where depth is cut"
         yield {"code": "pinched_vertices", "message": message}
