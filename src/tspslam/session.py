@@ -21,6 +21,7 @@ from .topology.complex import build_complex
 from .topology.texture import sample_signals
 from .types import Response, Rig, StereoPair, Surface, Trajectory
 from .vision.rig import require_baseline
+from .vision.slam.map import MapSnapshot
 from .vision.slam.odometry import StereoOdometry
 from .vision.slam.pose import Tracked
 from .vision.stereo.reconstruct import Stereo, match_stereo
@@ -126,6 +127,8 @@ class Session:
         self.settings = settings or Settings()
         require(self.settings, Settings, "settings")
         self.odometry = _stereo_odometry(rig, self.settings) if odometry is None else _require_odometry(odometry)
+        if not isinstance(keep, bool):
+            raise InputError(f"session: keep is {told(keep)}, expected True or False")
         self.keyframes: dict[int, Frame] = {}
         self._keeps, self._count = keep, 0
         self._worker = Worker()
@@ -195,6 +198,26 @@ class Session:
         if isinstance(self.odometry, StereoOdometry):
             used = {keyframe.index for keyframe in self.odometry.map.keyframes}
             self.keyframes = {number: kept for number, kept in self.keyframes.items() if number in used}
+
+    def capture(self) -> tuple[dict[int, Frame], MapSnapshot | None, Rig, Trajectory]:
+        """Copy what a map is made of, as it is between two pairs; another thread may go on afterwards.
+
+        Returns
+        -------
+        keyframes : dict of int to Frame
+            As `keyframes`.
+        snapshot : MapSnapshot or None
+            Landmarks and their observations; None if the poses come from elsewhere.
+        rig : Rig
+            With the offset of the disparities that the path found.
+        trajectory : Trajectory
+            Poses so far.
+        """
+        with self._lock:
+            frames, odometry = dict(self.keyframes), self.odometry
+            if isinstance(odometry, StereoOdometry):
+                return frames, odometry.map.snapshot(), odometry.map.rig, self.trajectory
+            return frames, None, self.rig, self.trajectory
 
     def finish(self) -> Trajectory:
         """Adjust all keyframes together, and return the path: from here on it is final.

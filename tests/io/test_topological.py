@@ -31,7 +31,7 @@ def map_(**changes):
             *(rng.random(size) for size in sizes), *(rng.random((size, 2)) for size in sizes[1:]),
             *(np.arange(size, dtype=np.int32) for size in sizes[1:]), *(rng.random(size) < 0.5 for size in sizes),
         ),
-        "view_count": Levels(*(np.arange(size, dtype=np.int32) for size in sizes)),
+        "view_count": Levels(*(np.arange(size, dtype=np.int32) % 4 for size in sizes)),
         "view_variance": Levels(*(rng.random(size) for size in sizes)),
         "best_view": Levels(*(np.arange(size, dtype=np.int32) % 4 - 1 for size in sizes)),
         "response_view": np.array([2, 0, 1, -1, -1], np.int32),

@@ -154,3 +154,12 @@ def test_tangents_that_cancel_leave_a_finite_answer():
     assert np.linalg.norm(direction[0]) == pytest.approx(1)
     assert count[0] == 2
     assert response.z[0] == 1
+
+
+def test_a_view_whose_response_is_nothing_points_nowhere_and_does_not_count():
+    one, nothing = answers((0, 0, 1, 0.5, 0.3)), answers((0, 1, 0, 0.9, 0.0))
+    nothing.direction[:] = 0
+    both = Answer(*(np.concatenate(pair) for pair in zip(one, nothing, strict=True)))
+    _, _, direction, spread, count = average_answers(both, NORMALS, 1)
+    assert direction[0, :2] == pytest.approx([np.cos(0.3), np.sin(0.3)])
+    assert (spread[0], count[0]) == (0, 1)

@@ -39,7 +39,7 @@ def small_wall(count=30):
 
 def exposures(views):
     gains = 2.0 ** np.linspace(-0.4, 0.4, len(views))
-    return [replace(view, image=gain * view.image / 512.0) for view, gain in zip(views, gains, strict=True)], 1 / gains
+    return [replace(view, given=gain * view.image / 512.0) for view, gain in zip(views, gains, strict=True)], 1 / gains
 
 
 def literal(shape, views, k):

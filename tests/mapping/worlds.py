@@ -66,7 +66,7 @@ class World(NamedTuple):
         return World(views, replace(self.snapshot, xyz=xyz, T_world_camera=poses), self.rig)
 
     def show(self, images):
-        return self._replace(views=[replace(view, image=image) for view, image in zip(self.views, images, strict=True)])
+        return self._replace(views=[replace(view, given=image) for view, image in zip(self.views, images, strict=True)])
 
 
 def sightings(rig, poses, xyz, noise=0.0, seed=0):

@@ -250,3 +250,121 @@ def test_few_vertices_for_many_landmarks_are_told(session):
     made = build_map(session)
     (warning,) = doubts_of_map(made, 6 * len(made))
     assert warning["code"] == "thin_map"
+
+
+def test_pairs_without_a_number_of_their_own_go_by_the_order_in_which_they_came(walk, tmp_path):
+    from tspslam.io import read_map, write_map
+
+    with Session(walk.rig, STAGES) as session:
+        for pair in walk:
+            session.process(replace(pair, index=0))
+        made = build_map(session)
+    assert (np.diff(made.keyframes) > 0).all()
+    write_map(tmp_path / "map.npz", made)
+    assert_same(read_map(tmp_path / "map.npz"), made)
+
+
+def test_a_frame_that_was_changed_since_the_run_is_refused(folder, tmp_path):
+    import shutil
+
+    copy = shutil.copytree(folder, tmp_path / "run")
+    keyframes = load_map(copy).keyframes.tolist()
+    shutil.copy(copy / f"frames/{keyframes[0]:06d}.npz", copy / f"frames/{keyframes[1]:06d}.npz")
+    with pytest.raises(InputError, match=rf"frames.{keyframes[1]:06d}\.npz: .*changed since the run"):
+        build_map(copy)
+
+
+@pytest.mark.parametrize("wrong", ["x", 7, SurfaceSettings()])
+@pytest.mark.parametrize(
+    "use", [lambda s, w: build_map(s, w), lambda s, w: LiveMap(s, w), lambda s, w: Settings(mapping=w)]
+)
+def test_settings_of_another_kind_are_refused(session, use, wrong):
+    with pytest.raises(InputError, match="mapping is .*, expected a MappingSettings: tspslam.MappingSettings"):
+        use(session, wrong)
+
+
+def test_a_live_map_needs_landmarks_that_stay(walk):
+    with (
+        Session(walk.rig, STAGES, odometry=Given(walk.truth)) as session,
+        pytest.raises(InputError, match="poses come from elsewhere, expected StereoOdometry"),
+    ):
+        LiveMap(session)
+
+
+def test_a_path_shorter_than_its_frames_is_refused(walk):
+    with Session(walk.rig, STAGES, odometry=Given(walk.truth[:2])) as session:
+        session.process(walk[0])
+        session.odometry.stamps.clear()
+        with pytest.raises(InputError, match="its trajectory has 0 poses, expected 1 or more"):
+            build_map(session)
+
+
+def test_keep_is_true_or_false(walk):
+    with pytest.raises(InputError, match="session: keep is the text 'no', expected True or False"):
+        Session(walk.rig, keep="no")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda r: None, "filter: result is NoneType, expected a Response"),
+        (lambda r: replace(r, z=np.stack([r.z, r.z], axis=1)), r"z and defined have shapes \(\d+, 2\)"),
+        (lambda r: replace(r, z=r.z[:-1]), r"z and defined have shapes"),
+        (lambda r: replace(r, z=r.z * np.nan), "not finite or too large"),
+        (lambda r: replace(r, z=r.z + 1e150), "not finite or too large"),
+        (lambda r: replace(r, order=-1), "order is -1, expected 0 or more"),
+    ],
+)
+def test_what_a_filter_gives_is_looked_at(session, change, said):
+    given, settings = kept_keyframes(session), replace(STAGES, filter=lambda *a: change(STAGES.filter(*a)))
+    with pytest.raises(InputError, match=said):
+        join_keyframes(given, settings)
+
+
+def test_a_session_can_be_asked_for_its_map_while_another_thread_processes(walk):
+    from concurrent.futures import ThreadPoolExecutor
+
+    with Session(walk.rig, STAGES) as session, ThreadPoolExecutor(1) as pool:
+        for k in range(6):
+            session.process(walk[k])
+        busy = pool.submit(lambda: [session.process(walk[k]) for k in range(6, len(walk))])
+        made = [kept_keyframes(session) for _ in range(20)]
+        busy.result()
+    for given in made:
+        assert set(given.snapshot.keyframe.tolist()) == set(given.index)
+        assert given.snapshot.start[-1] == len(given.snapshot.observed_id)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.uint16])
+def test_images_of_every_kind_give_a_session_and_a_run_one_map(walk, tmp_path, kind):
+    class Other:
+        name, rig = "other", walk.rig
+
+        def __len__(self):
+            return 6
+
+        def __getitem__(self, k):
+            pair, scale = walk[2 * k], 257 if kind is np.uint16 else 1 / 255
+            return replace(
+                pair, left=(pair.left * kind(scale)).astype(kind), right=(pair.right * kind(scale)).astype(kind)
+            )
+
+    with Session(walk.rig, STAGES) as session:
+        for k in range(6):
+            session.process(Other()[k])
+        session.finish()
+        made = build_map(session)
+    run(Other(), tmp_path / "run", resolve(assignments=SETTINGS))
+    # indices of these pairs are those of the walk in one and in the other
+    assert_same(load_map(tmp_path / "run"), made)
+
+
+def test_a_surface_without_faces_is_a_map_without_faces(walk):
+    from tspslam.types import Surface
+
+    stages = replace(STAGES, surface=lambda cloud: Surface(np.empty((0, 3), np.int32)))
+    with Session(walk.rig, stages) as session:
+        session.process(walk[0])
+        made = build_map(session)
+    assert len(made.surface.faces) == 0
+    assert not made.direction.any()

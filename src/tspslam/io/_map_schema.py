@@ -43,6 +43,10 @@ _AT_LEAST_0 = ("direction_spread", "direction_count", "observations_weight", "ga
 
 def _check_map(arrays: Arrays, lengths: dict[str, tuple[int, ...]]) -> None:
     check_least(arrays, *_AT_LEAST_0, *(name for name in arrays if name.startswith("view_")))
+    counts = {name: arrays[name] for name in arrays if name.startswith("view_count_")}
+    check_limits(counts, dict.fromkeys(counts, lengths["k"][0] + 1))
+    if not ((arrays["observations_weight"] <= 1 + _UNIT).all() and (arrays["gain"] > 0).all()):
+        raise InputError("array observations_weight holds more than 1, or gain 0")
     check_complex(arrays, lengths["n"][0], lengths["e"][0])
     if not np.array_equal(np.sort(arrays["surface_faces"], axis=1), arrays["complex_faces"]):
         raise InputError("has surface_faces that are not complex_faces, each wound one way or the other")

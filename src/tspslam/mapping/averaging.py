@@ -202,13 +202,14 @@ def average_answers(
     is_seen = best >= 0
     z = np.zeros(n, np.complex128)
     z[is_seen] = answer.z[best[is_seen]]
-    total = np.bincount(at, answer.weight, minlength=n)
-    summed = np.stack([np.bincount(at, answer.weight * column, minlength=n) for column in answer.direction.T], axis=1)
+    has_tangent = answer.direction.any(axis=1)  # a response of 0 points nowhere
+    total, weight = np.bincount(at, answer.weight * has_tangent, minlength=n), answer.weight
+    summed = np.stack([np.bincount(at, weight * column, minlength=n) for column in answer.direction.T], axis=1)
     length = np.linalg.norm(summed, axis=1)
-    direction, count = np.zeros((n, 3)), np.bincount(at, minlength=n).astype(np.int32)
-    direction[is_seen] = answer.direction[best[is_seen]]  # where the views' tangents cancel, or there is one
-    is_mean = (count > 1) & (length > 0)
-    direction[is_mean] = summed[is_mean] / length[is_mean, None]
+    direction, count = np.zeros((n, 3)), np.bincount(at[has_tangent], minlength=n).astype(np.int32)
+    direction[is_seen] = answer.direction[best[is_seen]]  # where the views' tangents cancel
+    is_mean, is_sum = count > 1, length > 0
+    direction[is_sum] = summed[is_sum] / length[is_sum, None]
     resultant = np.clip(length[is_mean] / total[is_mean], _LEAST_RESULTANT, 1.0)
     spread = np.zeros(n)
     spread[is_mean] = np.sqrt(-2 * np.log(resultant))  # of a wrapped normal distribution

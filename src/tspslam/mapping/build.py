@@ -16,13 +16,23 @@ from ..types import FloatArray, Rig, Signals, Surface, one_channel
 from ..vision.slam.map import MapSnapshot
 from .averaging import average, average_answers, estimate_gains
 from .landmarks import Landmarks, join_observations, measure_covariances, place_landmarks
-from .sampling import Filter, Samples, Shape, frame_shape, lift_phases, sample_views, viewing_cosines
+from .sampling import (
+    Filter,
+    Samples,
+    Shape,
+    frame_shape,
+    lift_phases,
+    require_response,
+    sample_views,
+    viewing_cosines,
+)
 from .searching import find_again
-from .settings import MappingSettings, ViewSettings
+from .settings import MappingSettings, SurfaceSettings, ViewSettings
 from .surface import cut_surface, make_rays
 from .views import Sightings, View
 from .visibility import face_normals
 
+_BYTES = 12_000  # a landmark, as measured for 20 000 (12 kB) and 60 000 (7 kB)
 _LEAST = 2  # observations that a vertex keeps, hidden or not
 
 
@@ -57,6 +67,7 @@ def make_map(
     """
     if not views:
         raise InputError("map: no keyframe, expected one or more")
+    _check_memory(len(snapshot.landmark_id), settings.surface)
     views, snapshot = _in_order(views, snapshot)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
@@ -73,6 +84,14 @@ def make_map(
     samples = sample_views(views, used, rig, shape, filter_, settings.views)
     numbers = np.array([view.number for view in views], np.int64)
     return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
+
+
+def _check_memory(landmarks: int, settings: SurfaceSettings) -> None:
+    """Refuse more landmarks than there is to be memory for."""
+    expected = _BYTES * landmarks
+    if expected > settings.max_bytes:
+        way = f"at most {settings.max_bytes / 1e9:.3g} (mapping.surface.max_bytes): fewer frames, or more memory"
+        raise InputError(f"map: {landmarks} landmarks take about {expected / 1e9:.3g} GB, expected {way}")
 
 
 def _in_order(views: Sequence[View], snapshot: MapSnapshot) -> tuple[list[View], MapSnapshot]:
@@ -151,7 +170,9 @@ def _observations(
     return Observations(start, kept.keyframe, kept.uv, kept.disparity, weight)
 
 
-def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> TopologicalMap:
+def map_of_frame(
+    frame: Frame, rig: Rig, T_world_camera: FloatArray, settings: ViewSettings | None = None
+) -> TopologicalMap:
     """Make the map of a single keyframe: its own complex, signals and response, in the world.
 
     Parameters
@@ -162,12 +183,16 @@ def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> Topologi
         The cameras.
     T_world_camera : (4, 4) float64
         Its pose.
+    settings : ViewSettings, optional
+        Which tangent a phase becomes, and up to which angle an observation counts.
 
     Returns
     -------
     TopologicalMap
         Points that are no landmarks have the number -1.
     """
+    views = settings or ViewSettings()
+    require_response(replace(frame.response, z=one_channel(frame.response.z)), len(frame.cloud))
     cloud, signals, n, R = frame.cloud, frame.signals, len(frame.cloud), T_world_camera[:3, :3]
     xyz = cloud.xyz @ R.T + T_world_camera[:3, 3]
     covariance = np.zeros((n, 3, 3)) if cloud.covariance is None else R @ cloud.covariance @ R.T
@@ -176,8 +201,9 @@ def map_of_frame(frame: Frame, rig: Rig, T_world_camera: FloatArray) -> Topologi
     faces[is_away] = faces[is_away][:, ::-1]
     shape = frame_shape(frame.complex_, faces, xyz, covariance)
     response = replace(frame.response, z=one_channel(frame.response.z))
-    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], response, "projection")
-    weight = np.maximum(viewing_cosines(xyz, shape.normals[0], camera), 0.0)
+    direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], response, views.tangent)
+    weight = viewing_cosines(xyz, shape.normals[0], camera)
+    weight = np.where(weight >= np.cos(np.radians(views.max_angle)), weight, 0.0)
     counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
     return TopologicalMap(
         xyz=xyz, covariance=covariance, surface=Surface(faces), complex_=frame.complex_, signals=signals,

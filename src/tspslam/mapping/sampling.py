@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._brief import Brief, brief
+from .._checks import require
+from ..errors import InputError
 from ..topology.complex import Complex
 from ..topology.texture import sample_signals
 from ..types import BoolArray, FloatArray, Response, Rig, Signals
@@ -18,6 +20,7 @@ from .settings import Tangent, ViewSettings
 from .views import Rows, View, to_camera
 from .visibility import OUT_OF_VIEW, VISIBLE, face_normals, look
 
+_LARGEST = 1e100  # of a response; its square is still finite
 _FAINTEST = 1e-9  # luminance: below it the response of a constant is rounding
 Filter = Callable[[Complex, FloatArray, Signals], Response]
 
@@ -86,7 +89,7 @@ def _sum_rows(rows: NDArray[np.int32], vectors: FloatArray, count: int) -> Float
 
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return np.divide(vectors, length, out=np.zeros(vectors.shape), where=length > 0)
 
 
 class Sample(NamedTuple):
@@ -223,7 +226,7 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     part = _restrict(shape.complex_, is_seen)
     places = uv[part.vertex]
     signals = sample_signals(view.image, places, part.complex_)
-    response = filter_(part.complex_, places, signals)
+    response = require_response(filter_(part.complex_, places, signals), len(places))
     centre, least = view.T_world_camera[:3, 3], _least_cosine(settings)
     one = np.ones(len(part.vertex), np.int32)
     given = (
@@ -241,6 +244,40 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     answer = _answer(k, view, rig, shape, part, response, settings)
     vertex, edge, face = levels
     return Samples(vertex, edge, face, answer, k * shape.complex_.n + part.vertex, response.order)
+
+
+def require_response(response: object, n: int) -> Response:
+    """Refuse what a filter gave unless it is a finite response at each of n vertices.
+
+    Parameters
+    ----------
+    response : object
+        What it gave.
+    n : int
+        How many vertices it was given.
+
+    Returns
+    -------
+    Response
+        (n,).
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    require(response, Response, "filter: result")
+    assert isinstance(response, Response)
+    shapes = np.shape(response.z), np.shape(response.defined)
+    if shapes != ((n,), (n,)):
+        raise InputError(
+            f"filter: z and defined have shapes {shapes[0]}, {shapes[1]}, expected ({n},) of a map's luminance"
+        )
+    if not (np.abs(response.z) < _LARGEST).all():
+        raise InputError("filter: a response is not finite or too large, expected numbers below 1e100")
+    if response.order < 0:
+        raise InputError(f"filter: order is {response.order}, expected 0 or more")
+    return response
 
 
 def see_vertices(

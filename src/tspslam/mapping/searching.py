@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import InputError
 from ..types import BoolArray, FloatArray, Rig
 from ..vision.images import Pyramid, smooth_plane
 from ..vision.rig import project
@@ -54,7 +55,8 @@ class _Search:
         self, views: Sequence[View], rig: Rig, xyz: FloatArray, known: Sightings, settings: ObservationSettings
     ) -> None:
         self._rig, self._xyz, self._settings, self._known = rig, xyz, settings, known.split(len(views))
-        self._planes = [Pyramid((smooth_plane(view.image),)) for view in views]
+        self._views, self._planes = views, dict[int, Pyramid]()
+        self._shape = rig.height, rig.width
         self._T = np.array([view.T_world_camera for view in views])
         self._patch = Patch(settings.radius, _CONTRAST, settings.reach, settings.min_correlation)
         self._seen = [sights.landmark for sights in self._known]
@@ -106,6 +108,22 @@ class _Search:
         self._seen[k] = np.concatenate([self._seen[k], together.landmark])
         return together.landmark
 
+    def _plane(self, k: int) -> Pyramid:
+        """A smoothed image; the last ones that were asked for are kept."""
+        plane = self._planes.pop(k, None)
+        plane = self._read(k) if plane is None else plane
+        self._planes[k] = plane
+        if len(self._planes) > self._settings.neighbours + self._settings.revisits + 1:
+            del self._planes[next(iter(self._planes))]
+        return plane
+
+    def _read(self, k: int) -> Pyramid:
+        image = self._views[k].image
+        if image.shape[:2] != self._shape:
+            what = f"keyframe {self._views[k].number}: its image is {image.shape[1]} x {image.shape[0]} px"
+            raise InputError(f"{what}, expected the rig's {self._shape[1]} x {self._shape[0]}")
+        return Pyramid((smooth_plane(image),))
+
     def _track(self, source: int, k: int, rows: Rows) -> Sightings:
         """Find some of what one keyframe knows in another."""
         rig, known, T = self._rig, self._known[source].take(rows), self._T
@@ -117,7 +135,7 @@ class _Search:
         good = np.flatnonzero((now[:, 2] > 0) & (zoom < _MAX_ZOOM) & (zoom * _MAX_ZOOM > 1) & is_inside)
         known, guess, now = known.take(good), guess[good], now[good]
         warp = compute_warps(rig, inverse(T[k]) @ T[source], before[good])
-        planes = self._planes[source], self._planes[k]
+        planes = self._plane(source), self._plane(k)
         uv, is_found = track_patches(*planes, known.uv, warp, guess, range(1), self._patch)
         is_found &= np.linalg.norm(uv - guess, axis=1) <= self._settings.reach
         disparity = rig.fx * rig.baseline / now[:, 2] - rig.doffs

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._brief import brief
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from ..types import BoolArray, FloatArray, Rig
 from .landmarks import Landmarks, depth_sigmas
 from .settings import SurfaceSettings, ViewSettings
@@ -25,7 +25,6 @@ _LARGEST = 1 << 24  # so that sums stay within 32 bits
 _BOX, _JITTER = 1.0, 0.05  # margin and disorder of the box around all points, over their extent
 _SHIFT = 1e-7  # of points, over their extent: lattices have flat tetrahedra, among which a ray finds no way
 _FOUR = 4
-_BYTES = 12_000  # a landmark, as measured for 20 000 (12 kB) and 60 000 (7 kB)
 
 
 class Rays(NamedTuple):
@@ -106,15 +105,9 @@ def cut_surface(
 
     Raises
     ------
-    InputError
-        If the landmarks take too much memory.
     GeometryError
-        If they span no surface.
+        If the landmarks span no surface.
     """
-    expected = _BYTES * len(xyz)
-    if expected > settings.max_bytes:
-        way = f"at most {settings.max_bytes / 1e9:.3g} (mapping.surface.max_bytes): fewer frames, or more memory"
-        raise InputError(f"map: {len(xyz)} landmarks take about {expected / 1e9:.3g} GB, expected {way}")
     middle = _middle_pose(T_world_camera)  # whose axes the box takes, so that it moves with the world
     origins = np.ascontiguousarray(to_camera(rays.origin, middle))
     cells = _tetrahedra(to_camera(xyz, middle), origins)
@@ -238,7 +231,7 @@ def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, keyframes: int, setting
     return (sides <= settings.longest) & is_whole
 
 
-def make_manifold(faces: Faces, xyz: FloatArray) -> Faces:
+def make_manifold(faces: Faces, xyz: FloatArray, rank: NDArray[np.integer] | None = None) -> Faces:
     """Drop faces until each edge has two at most, wound alike, and each vertex one fan; short faces, large fans stay.
 
     Parameters
@@ -247,16 +240,18 @@ def make_manifold(faces: Faces, xyz: FloatArray) -> Faces:
         Triangles.
     xyz : (N, 3) float64
         Vertices, m.
+    rank : (F,) integers, optional
+        Faces of lower rank stay first, whatever their size.
 
     Returns
     -------
     (G, 3) int32
-        In the order of their size.
+        In the order of their rank, then of their size.
     """
     from . import _cleaning
 
     around = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2).sum(axis=1)
-    faces = faces[np.lexsort((*faces.T, around))]
+    faces = faces[np.lexsort((*faces.T, around, np.zeros(len(faces)) if rank is None else rank))]
     faces = faces[_cleaning.limit_edges(faces, len(xyz))]
     while True:
         is_kept = _cleaning.largest_fans(faces, len(xyz))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -27,13 +27,18 @@ class View(Brief):
         Of the frame.
     T_world_camera : (4, 4) float64
         Its pose, as all that was seen since has refined it.
-    image : (H, W) or (H, W, 3) array
-        The left image.
+    given : (H, W) or (H, W, 3) array, or callable that gives one
+        The left image; a function is called each time, so that not all images are in memory at once.
     """
 
     number: int
     T_world_camera: FloatArray
-    image: Image
+    given: Image | Callable[[], Image]
+
+    @property
+    def image(self) -> Image:
+        """The left image."""
+        return self.given() if callable(self.given) else self.given
 
 
 class Sightings(NamedTuple):

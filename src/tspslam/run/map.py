@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from ..settings import Settings
 from ..topological_map import TopologicalMap
 from ..types import BoolArray, FloatArray, Image, Rig
 from ..vision.slam.map import MapSnapshot
-from ..vision.slam.odometry import StereoOdometry
 from .config import resolve
 
 
@@ -114,11 +114,12 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSetting
     """
     snapshot = _restrict(given.snapshot, np.isin(given.snapshot.keyframe, list(given.index)))
     numbers, poses = snapshot.keyframe.tolist(), snapshot.T_world_camera
+    mapping = mapping or settings.mapping
     if len(numbers) == 1:
-        return map_of_frame(given.frame_of(numbers[0]), given.rig, poses[0])
+        return map_of_frame(given.frame_of(numbers[0]), given.rig, poses[0], mapping.views)
     placed = zip(numbers, poses, strict=True)
-    views = [View(given.index[number], T, given.image_of(number)) for number, T in placed]
-    return make_map(views, snapshot, given.rig, settings.filter, mapping or settings.mapping)
+    views = [View(given.index[number], T, partial(given.image_of, number)) for number, T in placed]
+    return make_map(views, snapshot, given.rig, settings.filter, mapping)
 
 
 def _restrict(snapshot: MapSnapshot, is_kept: BoolArray) -> MapSnapshot:
@@ -149,22 +150,24 @@ def kept_keyframes(session: Session) -> Keyframes:
     InputError
         If it has kept none.
     """
-    frames, odometry = session.keyframes, session.odometry
+    frames, snapshot, rig, path = session.capture()
     if not frames:
         raise InputError("session: has kept no keyframe, expected keep=True and a pair that was processed")
-    if isinstance(odometry, StereoOdometry):
-        snapshot, rig = odometry.map.snapshot(), odometry.map.rig
-    else:
-        poses = session.trajectory.T_world_camera
-        snapshot, rig = snapshot_of(frames, {number: poses[number] for number in frames}), session.rig
+    if snapshot is None:
+        if max(frames) >= len(path):
+            raise InputError(f"odometry: its trajectory has {len(path)} poses, expected {max(frames) + 1} or more")
+        snapshot = snapshot_of(frames, {number: path.T_world_camera[number] for number in frames})
     index = {number: frame.index for number, frame in frames.items()}
+    if (np.diff(list(index.values())) <= 0).any():  # pairs without a number of their own
+        index = {number: number for number in frames}
     return Keyframes(snapshot, rig, index, lambda number: _image(frames[number]), frames.__getitem__)
 
 
 def _image(frame: Frame) -> Image:
+    """The image, as a file of the frame would have it."""
     if frame.image is None:
         raise InputError(f"{frame.name}: has no image, expected a keyframe with one")
-    return frame.image
+    return frame.image.astype(np.float32) if frame.image.dtype == np.float64 else frame.image
 
 
 def stored_keyframes(folder: RunFolder) -> Keyframes:
@@ -193,8 +196,8 @@ def stored_keyframes(folder: RunFolder) -> Keyframes:
     stored = set(folder.stored_frames)
     return Keyframes(
         snapshot, rig, {number: number for number in snapshot.keyframe.tolist() if number in stored},
-        lambda number: read_frame_image(folder.frame_path(number)),
-        lambda number: read_frame(folder.frame_path(number)),
+        lambda number: read_frame_image(folder.finished_frame(number)),
+        lambda number: read_frame(folder.finished_frame(number)),
     )  # fmt: skip
 
 
