@@ -279,7 +279,7 @@ def test_a_frame_that_was_changed_since_the_run_is_refused(folder, tmp_path):
     "use", [lambda s, w: build_map(s, w), lambda s, w: LiveMap(s, w), lambda s, w: Settings(mapping=w)]
 )
 def test_settings_of_another_kind_are_refused(session, use, wrong):
-    with pytest.raises(InputError, match="mapping is .*, expected a MappingSettings: tspslam.MappingSettings"):
+    with pytest.raises(InputError, match=r"mapping is .*, expected a MappingSettings: tspslam.MappingSettings"):
         use(session, wrong)
 
 
