@@ -231,7 +231,7 @@ def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, keyframes: int, setting
     return (sides <= settings.longest) & is_whole
 
 
-def make_manifold(faces: Faces, xyz: FloatArray, rank: NDArray[np.integer] | None = None) -> Faces:
+def make_manifold(faces: Faces, xyz: FloatArray) -> Faces:
     """Drop faces until each edge has two at most, wound alike, and each vertex one fan; short faces, large fans stay.
 
     Parameters
@@ -240,18 +240,16 @@ def make_manifold(faces: Faces, xyz: FloatArray, rank: NDArray[np.integer] | Non
         Triangles.
     xyz : (N, 3) float64
         Vertices, m.
-    rank : (F,) integers, optional
-        Faces of lower rank stay first, whatever their size.
 
     Returns
     -------
     (G, 3) int32
-        In the order of their rank, then of their size.
+        In the order of their size.
     """
     from . import _cleaning
 
     around = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2).sum(axis=1)
-    faces = faces[np.lexsort((*faces.T, around, np.zeros(len(faces)) if rank is None else rank))]
+    faces = faces[np.lexsort((*faces.T, around))]
     faces = faces[_cleaning.limit_edges(faces, len(xyz))]
     while True:
         is_kept = _cleaning.largest_fans(faces, len(xyz))

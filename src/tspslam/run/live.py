@@ -120,15 +120,12 @@ def _join(old: TopologicalMap, local: TopologicalMap, given: Keyframes) -> Topol
     triples = old.surface.faces
     kept = ids[triples[is_known[triples].all(axis=1) & ~is_anew[triples].all(axis=1)]]
     faces = np.concatenate([local.landmark_id[local.surface.faces], kept])
-    first = _distinct(faces)
-    faces, is_old = faces[first], first >= len(local.surface.faces)
+    faces = faces[_distinct(faces)]
     every, rows = np.unique(faces, return_inverse=True)
     xyz = snapshot.xyz[np.searchsorted(snapshot.landmark_id, every)]
     here = np.isin(local.landmark_id, every)
     xyz[np.searchsorted(every, local.landmark_id[here])] = local.xyz[here]
-    return _Union(old, local, ids, every, given).fill(
-        make_manifold(rows.reshape(-1, 3).astype(np.int32), xyz, is_old.astype(np.int8)), xyz
-    )
+    return _Union(old, local, ids, every, given).fill(make_manifold(rows.reshape(-1, 3).astype(np.int32), xyz), xyz)
 
 
 def _follow_merges(ids: NDArray[np.int64], merged: NDArray[np.int64]) -> NDArray[np.int64]:
