@@ -40,7 +40,7 @@ class Observations(Brief):
     disparity : (M,) float64
         As measured, px; NaN where it was not.
     weight : (M,) float64
-        Cosine of the viewing angle; 0 where another face hides the vertex, or beyond 75° from the normal.
+        Cosine of the viewing angle; 0 where another face hides the vertex, or the view is too slanted (75°).
     """
 
     start: NDArray[np.int64]

@@ -159,7 +159,7 @@ def test_directions_across_the_picture_are_grey():
 
 def test_pale_faces_are_named_only_where_there_are_some():
     whole, marked = wall(), ODD_MAPS["all marked"]()
-    seen = "seen by no keyframe within 75°"
+    seen = "seen by no keyframe, or too slanted"
     assert seen not in legend(p.above_picture(whole, both(whole)).axes[0])
     assert seen in legend(p.above_picture(marked, both(marked)).axes[0])
     once = replace(whole, view_count=type(whole.view_count)(*(np.ones_like(x) for x in whole.view_count)))

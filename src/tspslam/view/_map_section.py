@@ -66,7 +66,7 @@ def map_numbers(map_: TopologicalMap) -> list[tuple[str, Any]]:
         ("parts", int(map_.part.max()) + 1 if len(map_) else 0),
         ("keyframes", len(map_.keyframes)),
         (f"landmarks with {OFTEN} or more observations", _share(often)),
-        ("faces that a keyframe sees within 75°", _share(seen)),
+        ("faces that a keyframe sees, not too slanted", _share(seen)),
         ("vertices with a response", _share(map_.defined)),
         ("spread of a direction over views, median", None if spread is None else f"{spread:.1f}°"),
         ("exposure, most over least", f"{map_.gain.max() / map_.gain.min():.2f}×"),

@@ -172,7 +172,7 @@ def _show_luminance(figure: Figure, axes: Axes, map_: TopologicalMap, outlook: O
     norm = Normalize(*limits(shown.values[shown.ok]))
     rgb = rgb_of(map_) if is_colour(map_.signals.face) else style.colours(shown.values, norm, "gray")
     page.show_faces(axes, outlook, rgb * _light(map_)[:, None], shown.ok)
-    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by no keyframe within 75°"), with_path=True)
+    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by no keyframe, or too slanted"), with_path=True)
     style.colour_bar(figure, axes, norm, "gray", "luminance", extend=_ends(shown, norm))
 
 
