@@ -85,7 +85,7 @@ def cut(m: Material, settings: SurfaceSettings) -> np.ndarray:
     xyz = m.landmarks.xyz
     cells = _tetrahedra(xyz, m.rays.origin)
     faces = _border(cells, _full(cells, m.rays, settings), len(xyz))
-    return faces[_is_short(xyz, faces, m.rays, len(m.T), settings)]
+    return faces[_is_short(xyz, faces, m.rays, m.T[:, :3, 3], settings)]
 
 
 CANDIDATES = {

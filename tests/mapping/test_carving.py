@@ -146,12 +146,17 @@ def test_cosines_are_those_of_facets_and_spheres():
         assert carved.cosines[:, k] == pytest.approx(away / radius, abs=1e-6)
 
 
-def test_a_keyframe_shares_a_face_if_it_sees_all_three_corners():
+def test_the_best_view_of_a_face_is_that_of_a_keyframe_that_sees_all_three_corners():
     rng = np.random.default_rng(0)
     sees = rng.random((9, 6)) < 0.4
     vertex, keyframe = np.nonzero(sees)
     start = np.searchsorted(vertex, np.arange(10))
     faces = np.array([rng.choice(9, 3, replace=False) for _ in range(60)])
-    shared = _carving.share_keyframe(faces, start, keyframe)
-    assert np.array_equal(shared, sees[faces].all(axis=1).any(axis=1))
-    assert 5 < shared.sum() < 55
+    centres, points, normals = rng.normal(size=(6, 3)), rng.normal(size=(60, 3)), rng.normal(size=(60, 3))
+    found = _carving.shared_cosines(faces, start, keyframe, centres, points, normals)
+    away = centres - points[:, None]
+    cosines = np.einsum("fi,fki->fk", normals, away) / np.linalg.norm(away, axis=2)
+    cosines /= np.linalg.norm(normals, axis=1, keepdims=True)
+    shared = sees[faces].all(axis=1)
+    assert found == pytest.approx(np.where(shared, cosines, -1).max(axis=1))
+    assert 5 < shared.any(axis=1).sum() < 55

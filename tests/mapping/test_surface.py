@@ -10,6 +10,7 @@ from tspslam.errors import GeometryError
 from tspslam.mapping.landmarks import Landmarks, measure_covariances
 from tspslam.mapping.settings import ObservationSettings, SurfaceSettings, ViewSettings
 from tspslam.mapping.surface import _far_side, _is_seen, _is_short, cut_surface, make_manifold, make_rays
+from tspslam.mapping.views import Sightings
 from tspslam.mapping.visibility import face_normals
 
 from .worlds import RIG, ROOM, WIDE, border_loops, looking, room, sightings, wall
@@ -113,7 +114,23 @@ def test_a_long_face_stays_where_a_keyframe_sees_it_whole(side, shared, stays):
     seen = seen.take(np.lexsort((seen.keyframe, seen.landmark)))
     rays = make_rays(poses, Landmarks(np.arange(3), xyz, seen), np.tile(1e-4 * np.eye(3), (3, 1, 1)))
     settings = SurfaceSettings(longest=0.4, longest_apart=0.2)
-    assert _is_short(xyz, np.array([[0, 2, 1]], np.int32), rays, 4, settings).tolist() == [stays]
+    assert _is_short(xyz, np.array([[0, 2, 1]], np.int32), rays, poses[:, :3, 3], settings).tolist() == [stays]
+
+
+@pytest.mark.parametrize(
+    ("angle", "stays"), [(0, True), (80, True), (83, True), (85, False), (89, False), (100, False)]
+)
+def test_a_long_face_goes_where_all_that_see_it_whole_see_it_slanted(angle, stays):
+    """As where depth steps: the face from an edge to what is behind it lies along the rays."""
+    turn = np.radians(angle)
+    flat = np.array([[-0.5, -0.3, 0], [0.5, -0.3, 0], [0, 0.4, 0]])
+    flat -= flat.mean(axis=0)
+    xyz = flat @ np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]]) + (0, 0, 3)
+    poses = looking([(0, 0, 0)], at=(0, 0, 3))
+    seen = Sightings(np.arange(3), np.zeros(3, np.int64), np.zeros((3, 2)), np.ones(3))
+    rays = make_rays(poses, Landmarks(np.arange(3), xyz, seen), np.tile(1e-4 * np.eye(3), (3, 1, 1)))
+    settings = SurfaceSettings(longest=1.0, longest_apart=0.1, max_slant=84)
+    assert _is_short(xyz, np.array([[0, 2, 1]], np.int32), rays, poses[:, :3, 3], settings).tolist() == [stays]
 
 
 def test_where_landmarks_are_seen_through_is_no_face():

@@ -153,20 +153,29 @@ def carve(points, tetrahedra, neighbours, planes, start, around, origin, vertex,
 
 
 @kernel
-def share_keyframe(faces, start, keyframe):  # type: ignore[no-untyped-def]
-    """Whether one keyframe sees all three corners of each face; rows ``start[i]`` on are keyframes of vertex i."""
-    shared = np.zeros(faces.shape[0], np.bool_)
+def shared_cosines(faces, start, keyframe, centres, points, normals):  # type: ignore[no-untyped-def]
+    """Largest cosine of the viewing angle of each face in the keyframes that see all three corners; -1 without one.
+
+    Rows ``start[i]`` on are keyframes of vertex i; `centres` (K, 3) where they stood, `normals` (F, 3) any length.
+    """
+    best = np.full(faces.shape[0], -1.0)
     for f in range(faces.shape[0]):
+        n, size = normals[f], np.sqrt(normals[f, 0] ** 2 + normals[f, 1] ** 2 + normals[f, 2] ** 2)
         a, b, c = start[faces[f, 0]], start[faces[f, 1]], start[faces[f, 2]]
         while a < start[faces[f, 0] + 1] and b < start[faces[f, 1] + 1] and c < start[faces[f, 2] + 1]:
-            least, most = min(keyframe[a], keyframe[b], keyframe[c]), max(keyframe[a], keyframe[b], keyframe[c])
-            if least == most:
-                shared[f] = True
-                break
-            if keyframe[a] < most:
+            most = max(keyframe[a], keyframe[b], keyframe[c])
+            if keyframe[a] == most and keyframe[b] == most and keyframe[c] == most:
+                x = centres[most, 0] - points[f, 0]
+                y = centres[most, 1] - points[f, 1]
+                z = centres[most, 2] - points[f, 2]
+                length = np.sqrt(x * x + y * y + z * z) * size
+                if length > 0.0:
+                    best[f] = max(best[f], (n[0] * x + n[1] * y + n[2] * z) / length)
+                a, b, c = a + 1, b + 1, c + 1
+            elif keyframe[a] < most:
                 a += 1
             elif keyframe[b] < most:
                 b += 1
             else:
                 c += 1
-    return shared
+    return best

@@ -112,7 +112,7 @@ def cut_surface(
     origins = np.ascontiguousarray(to_camera(rays.origin, middle))
     cells = _tetrahedra(to_camera(xyz, middle), origins)
     faces = _border(cells, _full(cells, rays._replace(origin=origins), settings), len(xyz))
-    faces = make_manifold(faces[_is_short(xyz, faces, rays, len(T_world_camera), settings)], xyz)
+    faces = make_manifold(faces[_is_short(xyz, faces, rays, T_world_camera[:, :3, 3], settings)], xyz)
     faces = make_manifold(faces[_is_seen(rig, T_world_camera, xyz, faces, rays, settings, views)], xyz)
     if not len(faces):
         wanted = "some apart from one line, with neighbours in mapping.surface.longest"
@@ -217,17 +217,19 @@ def _border(cells: _Cells, is_full: BoolArray, n: int) -> Faces:
     return np.ascontiguousarray(faces[(faces < n).all(axis=1)], np.int32)
 
 
-def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, keyframes: int, settings: SurfaceSettings) -> BoolArray:
-    """Whether no side of a face is too long for its depth; longer ones are allowed where a keyframe sees it whole."""
+def _is_short(xyz: FloatArray, faces: Faces, rays: Rays, centres: FloatArray, settings: SurfaceSettings) -> BoolArray:
+    """Whether no side of a face is too long for its depth; longer ones may be where a keyframe sees it whole."""
     from . import _carving
 
     depth = np.full(len(xyz), np.inf)
     np.minimum.at(depth, rays.vertex, rays.depth)
     sides = np.linalg.norm(xyz[faces] - xyz[np.roll(faces, -1, axis=1)], axis=2).max(axis=1) / depth[faces].min(axis=1)
     start = np.searchsorted(rays.vertex, np.arange(len(xyz) + 1))
-    is_long = sides > settings.longest_apart
-    is_whole = np.ones(len(faces), np.bool_)
-    is_whole[is_long] = _carving.share_keyframe(faces[is_long], start, rays.keyframe)
+    is_long, is_whole = sides > settings.longest_apart, np.ones(len(faces), np.bool_)
+    long = faces[is_long]
+    given = np.ascontiguousarray(centres), xyz[long].mean(axis=1), face_normals(xyz, long)
+    cosines = _carving.shared_cosines(long, start, rays.keyframe, *given)
+    is_whole[is_long] = cosines >= np.cos(np.radians(settings.max_slant))
     return (sides <= settings.longest) & is_whole
 
 

@@ -34,6 +34,8 @@ def map_to_turn(map_: TopologicalMap) -> str:
     made = map_scene(map_)
     if made is None:
         return '<p class="quiet">This map has no face to show.</p>'
-    note = "Drag to turn, scroll to zoom. Orange: the camera's path. Grey and clear: seen by no keyframe, or too slanted."
+    note = (
+        "Drag to turn, scroll to zoom. Orange: the camera's path. Grey and clear: seen by no keyframe, or too slanted."
+    )
     note += f" Vertices not shown, far off: {made.hidden}." if made.hidden else ""
     return scene(made.figure, made.buttons, note)
