@@ -213,7 +213,6 @@ ROWS = {
     "off, 95th percentile over faces; over their area, %": ("off 95th, by face", "off 95th"),
     "luminance of faces, error over that of a single frame": ("grey / one",),
     "direction, median error, degrees; over that of a single frame": ("turned", "turned / one"),
-    "time of session and map, s": ("session, s", "map, s"),
 }
 
 

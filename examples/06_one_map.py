@@ -4,7 +4,16 @@ import sys
 
 import numpy as np
 
-from tspslam import Session, betti_numbers, build_map, grow_labels, heat_filter, hodge_decompose, merge_cells, merge_signals
+from tspslam import (
+    Session,
+    betti_numbers,
+    build_map,
+    grow_labels,
+    heat_filter,
+    hodge_decompose,
+    merge_cells,
+    merge_signals,
+)
 from tspslam.datasets import synthetic
 
 faults = synthetic.Faults(noise=0.01, exposure=0.1)
