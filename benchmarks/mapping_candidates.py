@@ -19,6 +19,7 @@ from tspslam.mapping.landmarks import Landmarks, measure_covariances
 from tspslam.mapping.settings import MappingSettings, SurfaceSettings
 from tspslam.mapping.surface import Rays, _border, _full, _is_short, _tetrahedra, cut_surface, make_manifold, make_rays
 from tspslam.mapping.views import View, to_camera
+from tspslam.mapping.visibility import face_normals
 from tspslam.run.map import kept_keyframes
 from tspslam.topological_map import Observations
 
@@ -73,11 +74,16 @@ def laid_over(m: Material) -> np.ndarray:
         good = points[:, 2] > 0
         cloud = Cloud(points[good], seen.uv[seen.keyframe == k][good], np.ones(good.sum()), covariance[good])
         try:
-            parts.append(rows[good][delaunay_surface(cloud).faces])
+            faces = rows[good][delaunay_surface(cloud).faces]
         except GeometryError:
             continue
-    faces = np.sort(np.concatenate(parts), axis=1)
-    return np.unique(faces, axis=0).astype(np.int32)
+        corner = m.landmarks.xyz[faces[:, 0]]
+        is_away = np.einsum("fi,fi->f", face_normals(m.landmarks.xyz, faces), T[:3, 3] - corner) < 0
+        faces[is_away] = faces[is_away][:, ::-1]
+        parts.append(faces)
+    every = np.concatenate(parts)
+    _, first = np.unique(np.sort(every, axis=1), axis=0, return_index=True)
+    return every[np.sort(first)].astype(np.int32)
 
 
 def cut(m: Material, settings: SurfaceSettings) -> np.ndarray:
@@ -90,7 +96,7 @@ def cut(m: Material, settings: SurfaceSettings) -> np.ndarray:
 
 CANDIDATES = {
     "triangles of all keyframes": laid_over,
-    "of them, two faces an edge, one fan a vertex": lambda m: make_manifold(laid_over(m), m.landmarks.xyz),
+    "of them, what makes a manifold": lambda m: make_manifold(laid_over(m), m.landmarks.xyz),
     "minimum cut": lambda m: cut(m, NONE),
     "with a quality prior, cleaned": lambda m: make_manifold(cut(m, PROBE), m.landmarks.xyz),
     "full right behind the landmarks": lambda m: make_manifold(cut(m, SurfaceSettings()), m.landmarks.xyz),
