@@ -157,9 +157,9 @@ def map_command(
     as_json: JsonOption = False,
 ) -> None:
     """Make the map of a finished run anew, with other settings of it, such as --set mapping.surface.longest=0.3."""
-    from .run.export import MAP_FORMATS, export_map_anew
+    from .run.export import FORMATS, export_map_anew
 
-    _check_suffix(output or Path("map.npz"), list(MAP_FORMATS), "--output")
+    _check_suffix(output or Path("map.npz"), list(FORMATS), "--output")
     made = export_map_anew(run, output, assignments or (), is_forced=force)
     said = ", ".join(f"{count} {name}" for name, count in made.items() if name != "written")
     _say(json.dumps(made) if as_json else f"wrote {made['written']}: {said}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._checks import require
 from .._files import PathLike
@@ -136,12 +135,23 @@ def _collected(frame: Frame) -> dict[str, Any]:
         "surface_faces": frame.surface.faces,
         **complex_arrays(frame.complex_, frame.signals, frame.response),
     }
-    others = {"cloud_covariance": cloud.covariance, "landmark": frame.landmark, "image": _image(frame)}
+    others = {"cloud_covariance": cloud.covariance, "landmark": frame.landmark, "image": storable_image(frame)}
     return values | {name: value for name, value in others.items() if value is not None}
 
 
-def _image(frame: Frame) -> NDArray[Any] | None:
-    """The image, if it is the rig's; float64 says no more of pixels than float32."""
+def storable_image(frame: Frame) -> Image | None:
+    """Return a frame's image as its file holds it: float64 says no more of pixels than float32.
+
+    Parameters
+    ----------
+    frame : Frame
+        With or without an image.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8, uint16 or float32, or None
+        None where there is none, or it is not the rig's.
+    """
     image = frame.image
     if image is None or image.shape[:2] != (frame.rig.height, frame.rig.width):
         return None

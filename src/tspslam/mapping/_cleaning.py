@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._jit import inlined, kernel
+from ..topology._kernels import face_neighbours
 
 
 @kernel
@@ -46,17 +47,7 @@ def largest_fans(faces, n):  # type: ignore[no-untyped-def]
     What goes at a vertex may split the fan of an earlier one: call again until all stay.
     """
     count = faces.shape[0]
-    start = np.zeros(n + 1, np.int64)
-    for f in range(count):
-        for k in range(3):
-            start[faces[f, k] + 1] += 1
-    for v in range(n):
-        start[v + 1] += start[v]
-    around, fill = np.empty(3 * count, np.int64), start[:-1].copy()
-    for f in range(count):
-        for k in range(3):
-            around[fill[faces[f, k]]] = f
-            fill[faces[f, k]] += 1
+    start, around = face_neighbours(n, faces)
     keep = np.ones(count, np.bool_)
     here, label, sizes = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     for v in range(n):

@@ -4,15 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._jit import inlined, kernel
-
-
-@inlined
-def _root(parent, i):  # type: ignore[no-untyped-def]
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
+from .._jit import kernel
+from ..topology._homology import root
 
 
 @kernel
@@ -25,7 +18,7 @@ def unite(pairs, start, keyframe, uv, distance):  # type: ignore[no-untyped-def]
     count = start.shape[0] - 1
     parent, after, last = np.arange(count), np.full(count, -1, np.int64), np.arange(count)
     for r in range(pairs.shape[0]):
-        a, b = _root(parent, pairs[r, 0]), _root(parent, pairs[r, 1])
+        a, b = root(parent, pairs[r, 0]), root(parent, pairs[r, 1])
         if a == b:
             continue
         if a > b:
@@ -53,5 +46,5 @@ def unite(pairs, start, keyframe, uv, distance):  # type: ignore[no-untyped-def]
             parent[b] = a
             after[last[a]], last[a] = b, last[b]
     for i in range(count):
-        parent[i] = _root(parent, i)
+        parent[i] = root(parent, i)
     return parent

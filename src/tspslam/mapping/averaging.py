@@ -13,7 +13,7 @@ from .sampling import Answer, Sample
 from .settings import ViewSettings
 from .views import Rows
 
-_DARKEST = 0.02  # luminance below which a ratio says little of the exposure: five grey levels of 255
+DARKEST = 0.02  # luminance below which a ratio says little of the exposure: five grey levels of 255
 _ENOUGH = 100_000  # samples of faces that tell the exposures; of more, every n-th face
 _LEAST_RESULTANT = 1e-3  # of tangents that cancel: a spread of 3.7 rad
 
@@ -96,7 +96,7 @@ def _compare_exposures(
     step = 1 + len(faces.element) // _ENOUGH
     rows = np.flatnonzero(faces.element % step == 0)
     order = rows[np.argsort(faces.element[rows], kind="stable")]  # by keyframe within
-    order = order[faces.value[order] > _DARKEST]
+    order = order[faces.value[order] > DARKEST]
     element, keyframe, logs = faces.element[order], faces.keyframe[order], np.log(faces.value[order])
     pairs = [np.flatnonzero(element[gap:] == element[:-gap]) for gap in (1, 2)]
     first = np.concatenate(pairs)
@@ -171,7 +171,7 @@ def best_rows(at: Rows, weight: FloatArray, count: int) -> Rows:
 
 
 def average_answers(
-    answer: Answer, normals: FloatArray, order: int
+    answer: Answer, count: int, order: int
 ) -> tuple[Response, NDArray[np.int32], FloatArray, FloatArray, NDArray[np.int32]]:
     """Take each vertex' response in its best view, and the mean direction over all views.
 
@@ -179,8 +179,8 @@ def average_answers(
     ----------
     answer : Answer
         One row for each vertex and keyframe.
-    normals : (N, 3) float64
-        Unit normals of the vertices.
+    count : int
+        How many vertices there are, N.
     order : int
         Angular order.
 
@@ -194,25 +194,25 @@ def average_answers(
         Unit mean tangent; 0 where no view counts.
     spread : (N,) float64
         Standard deviation of the views' tangents about it, rad.
-    count : (N,) int32
-        Views.
+    views : (N,) int32
+        How many have a tangent.
     """
-    n, at = len(normals), answer.vertex
-    best = best_rows(at, answer.weight, n)
+    at = answer.vertex
+    best = best_rows(at, answer.weight, count)
     is_seen = best >= 0
-    z = np.zeros(n, np.complex128)
+    z = np.zeros(count, np.complex128)
     z[is_seen] = answer.z[best[is_seen]]
     has_tangent = answer.direction.any(axis=1)  # a response of 0 points nowhere
-    total, weight = np.bincount(at, answer.weight * has_tangent, minlength=n), answer.weight
-    summed = np.stack([np.bincount(at, weight * column, minlength=n) for column in answer.direction.T], axis=1)
+    total, weight = np.bincount(at, answer.weight * has_tangent, minlength=count), answer.weight
+    summed = np.stack([np.bincount(at, weight * column, minlength=count) for column in answer.direction.T], axis=1)
     length = np.linalg.norm(summed, axis=1)
-    direction, count = np.zeros((n, 3)), np.bincount(at[has_tangent], minlength=n).astype(np.int32)
+    direction, views = np.zeros((count, 3)), np.bincount(at[has_tangent], minlength=count).astype(np.int32)
     direction[is_seen] = answer.direction[best[is_seen]]  # where the views' tangents cancel
-    is_mean, is_sum = count > 1, length > 0
+    is_mean, is_sum = views > 1, length > 0
     direction[is_sum] = summed[is_sum] / length[is_sum, None]
     resultant = np.clip(length[is_mean] / total[is_mean], _LEAST_RESULTANT, 1.0)
-    spread = np.zeros(n)
+    spread = np.zeros(count)
     spread[is_mean] = np.sqrt(-2 * np.log(resultant))  # of a wrapped normal distribution
-    keyframe = np.full(n, -1, np.int32)
+    keyframe = np.full(count, -1, np.int32)
     keyframe[is_seen] = answer.keyframe[best[is_seen]]
-    return Response(z, order, is_seen), keyframe, direction, spread, count
+    return Response(z, order, is_seen), keyframe, direction, spread, views

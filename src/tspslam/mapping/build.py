@@ -68,7 +68,8 @@ def make_map(
     if not views:
         raise InputError("map: no keyframe, expected one or more")
     _check_memory(len(snapshot.landmark_id), settings.surface)
-    views, snapshot = _in_order(views, snapshot)
+    order = np.argsort([view.number for view in views], kind="stable")
+    views, snapshot = [views[k] for k in order], snapshot.take(order)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
     landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observe)
@@ -92,19 +93,6 @@ def _check_memory(landmarks: int, settings: SurfaceSettings) -> None:
     if expected > settings.max_bytes:
         way = f"at most {settings.max_bytes / 1e9:.3g} (mapping.surface.max_bytes): fewer frames, or more memory"
         raise InputError(f"map: {landmarks} landmarks take about {expected / 1e9:.3g} GB, expected {way}")
-
-
-def _in_order(views: Sequence[View], snapshot: MapSnapshot) -> tuple[list[View], MapSnapshot]:
-    """Keyframes by the numbers of their frames."""
-    order = np.argsort([view.number for view in views], kind="stable")
-    counts = np.diff(snapshot.start)
-    rows = np.concatenate([np.arange(*snapshot.start[k : k + 2]) for k in order])
-    changed = replace(
-        snapshot, keyframe=snapshot.keyframe[order], T_world_camera=snapshot.T_world_camera[order],
-        start=np.cumsum([0, *counts[order]]), observed_id=snapshot.observed_id[rows], uv=snapshot.uv[rows],
-        disparity=snapshot.disparity[rows],
-    )  # fmt: skip
-    return [views[k] for k in order], changed
 
 
 def collect_landmarks(views: Sequence[View], snapshot: MapSnapshot, rig: Rig, settings: MappingSettings) -> Landmarks:
@@ -144,7 +132,7 @@ def _average_all(
         vertex.value, edge.value, face.value, edge.uv, face.uv, edge.pixels, face.pixels,
         vertex.views > 0, edge.views > 0, face.views > 0,
     )  # fmt: skip
-    response, best, direction, spread, count = average_answers(samples.answer, shape.normals[0], samples.order)
+    response, best, direction, spread, count = average_answers(samples.answer, shape.complex_.n, samples.order)
     return TopologicalMap(
         xyz=shape.xyz, covariance=shape.covariance, surface=Surface(shape.faces), complex_=shape.complex_,
         signals=signals, view_count=Levels(vertex.views, edge.views, face.views),
@@ -163,7 +151,7 @@ def _observations(
     n, rows = shape.complex_.n, seen.landmark
     is_seen = np.isin(seen.keyframe * n + rows, visible)
     cosine = viewing_cosines(shape.xyz[rows], shape.normals[0][rows], T[seen.keyframe, :3, 3])
-    weight = np.where(is_seen & (cosine >= np.cos(np.radians(settings.max_angle))), cosine, 0.0)
+    weight = np.where(is_seen & (cosine >= settings.least_cosine), cosine, 0.0)
     is_kept = is_seen | (np.bincount(rows, is_seen, minlength=n) < _LEAST)[rows]
     kept, weight = seen.take(is_kept), weight[is_kept]
     start = np.searchsorted(kept.landmark, np.arange(n + 1))
@@ -192,7 +180,7 @@ def map_of_frame(
         Points that are no landmarks have the number -1.
     """
     views = settings or ViewSettings()
-    require_response(replace(frame.response, z=one_channel(frame.response.z)), len(frame.cloud))
+    response = require_response(replace(frame.response, z=one_channel(frame.response.z)), len(frame.cloud))
     cloud, signals, n, R = frame.cloud, frame.signals, len(frame.cloud), T_world_camera[:3, :3]
     xyz = cloud.xyz @ R.T + T_world_camera[:3, 3]
     covariance = np.zeros((n, 3, 3)) if cloud.covariance is None else R @ cloud.covariance @ R.T
@@ -200,10 +188,9 @@ def map_of_frame(
     is_away = np.einsum("fi,fi->f", face_normals(xyz, faces), camera - xyz[faces[:, 0]]) < 0
     faces[is_away] = faces[is_away][:, ::-1]
     shape = frame_shape(frame.complex_, faces, xyz, covariance)
-    response = replace(frame.response, z=one_channel(frame.response.z))
     direction = lift_phases(rig, T_world_camera, xyz, shape.normals[0], response, views.tangent)
     weight = viewing_cosines(xyz, shape.normals[0], camera)
-    weight = np.where(weight >= np.cos(np.radians(views.max_angle)), weight, 0.0)
+    weight = np.where(weight >= views.least_cosine, weight, 0.0)
     counts = Levels(*(ok.astype(np.int32) for ok in (signals.vertex_ok, signals.edge_ok, signals.face_ok)))
     return TopologicalMap(
         xyz=xyz, covariance=covariance, surface=Surface(faces), complex_=frame.complex_, signals=signals,

@@ -227,7 +227,7 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     places = uv[part.vertex]
     signals = sample_signals(view.image, places, part.complex_)
     response = require_response(filter_(part.complex_, places, signals), len(places))
-    centre, least = view.T_world_camera[:3, 3], _least_cosine(settings)
+    centre = view.T_world_camera[:3, 3]
     one = np.ones(len(part.vertex), np.int32)
     given = (
         (part.vertex, signals.vertex, signals.vertex_ok, places, one, one),
@@ -237,7 +237,7 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     levels = []
     for (rows, value, ok, at, pixels, size), centres, normals in zip(given, shape.centres, shape.normals, strict=True):
         cosine = viewing_cosines(centres[rows], normals[rows], centre)
-        good = ok & (cosine >= least)
+        good = ok & (cosine >= settings.least_cosine)
         weight = cosine * np.maximum(size, 1)  # an element without a whole pixel has a bilinear sample
         columns: tuple[Any, ...] = rows, np.full(len(rows), k), value, weight, at, pixels
         levels.append(Sample(*(column[good] for column in columns)))
@@ -357,14 +357,10 @@ def _answer(
     around = np.bincount(part.complex_.faces.ravel(), minlength=part.complex_.n)
     rows, camera = part.vertex, view.T_world_camera
     cosine = viewing_cosines(shape.xyz[rows], shape.normals[0][rows], camera[:3, 3])
-    good = response.defined & (around == shape.degree[rows]) & (cosine >= _least_cosine(settings))
+    good = response.defined & (around == shape.degree[rows]) & (cosine >= settings.least_cosine)
     rows, z = rows[good], response.z[good]
     frame = shape.xyz[rows], shape.normals[0][rows], Response(z, response.order, response.defined[good])
     return Answer(rows, np.full(len(rows), k), z, cosine[good], lift_phases(rig, camera, *frame, settings.tangent))
-
-
-def _least_cosine(settings: ViewSettings) -> float:
-    return float(np.cos(np.radians(settings.max_angle)))
 
 
 def lift_phases(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,11 +12,11 @@ from ..types import BoolArray, FloatArray, Rig
 from ..vision.images import Pyramid, smooth_plane
 from ..vision.rig import project
 from ..vision.se3 import inverse
-from ..vision.slam.patch_tracking import Patch, compute_warps, track_patches
+from ..vision.slam.patch_tracking import compute_warps, track_patches
+from ..vision.slam.tracking import TrackingSettings
 from .settings import ObservationSettings
 from .views import Rows, Sightings, View, join_sightings, to_camera
 
-_CONTRAST = 0.03  # per grey level, as in tracking
 _MAX_ZOOM = 3.0  # a patch so much nearer or farther is another one
 _ALIKE, _NEAR = 0.7, 0.5  # cosine between the views, distance over depth: of keyframes that may see one place
 
@@ -58,7 +59,10 @@ class _Search:
         self._views, self._planes = views, dict[int, Pyramid]()
         self._shape = rig.height, rig.width
         self._T = np.array([view.T_world_camera for view in views])
-        self._patch = Patch(settings.radius, _CONTRAST, settings.reach, settings.min_correlation)
+        self._patch = replace(
+            TrackingSettings().patch, radius=settings.radius, reach=settings.reach,
+            min_correlation=settings.min_correlation,
+        )  # fmt: skip
         self._seen = [sights.landmark for sights in self._known]
         self._found: list[Sightings] = []
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from .._checks import require
 from .._settings import Checked, setting
 
@@ -200,6 +202,11 @@ class ViewSettings(Checked, what="mapping.views"):
     tangent: Tangent = setting(
         "projection", unit="", source="what stands in a plane may be seen from anywhere: docs/mapping tells them apart"
     )
+
+    @property
+    def least_cosine(self) -> float:
+        """Cosine of `max_angle`."""
+        return float(np.cos(np.radians(self.max_angle)))
 
 
 @dataclass(frozen=True)

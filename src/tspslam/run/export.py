@@ -15,10 +15,10 @@ from ..io.topological import load_map, write_map
 from ..topological_map import TopologicalMap
 from .config import resolve
 from .guard import MAPS, check_output, is_inside
-from .map import build_map
+from .map import join_keyframes, stored_keyframes
 
 _WRITERS: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply}
-FORMATS = MAP_FORMATS = ("vtu", "ply", "npz")
+FORMATS = ("vtu", "ply", "npz")
 
 
 def export(
@@ -79,7 +79,7 @@ def export_map_anew(
     run : path
         The run folder.
     output : path, optional
-        The file, of one of `MAP_FORMATS` by its suffix; RUN-map.npz here by default.
+        The file, of one of `FORMATS` by its suffix; RUN-map.npz here by default.
     assignments : iterable of str
         Settings that differ from the run's, such as ``"mapping.surface.longest=0.3"``.
     is_forced : bool
@@ -106,7 +106,7 @@ def export_map_anew(
     kind = target.suffix[1:].lower()
     settings = resolve(file=folder.path / "config.yaml", assignments=assignments).settings
     _refuse_place(target, run, "map" if kind == "npz" else kind, is_forced)
-    made = build_map(run, settings.mapping)
+    made = join_keyframes(stored_keyframes(folder), settings)
     sizes = {"vertices": len(made), "edges": len(made.complex_.edges), "faces": len(made.surface.faces)}
     return {"written": str(_write(run, target, kind, made, is_forced))} | sizes | {"keyframes": len(made.keyframes)}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._checks import require
 from ..errors import GeometryError, InputError
+from ..mapping.averaging import DARKEST
 from ..mapping.settings import MappingSettings
 from ..mapping.surface import make_manifold
 from ..session import Session
@@ -22,7 +24,6 @@ from ..vision.slam.odometry import StereoOdometry
 from .map import Keyframes, join_keyframes, kept_keyframes
 
 Pair = tuple[NDArray[np.int64], ...]  # of the old map, of the part made anew
-_DARKEST = 0.02  # luminance below which a ratio says little of the exposure
 _WINDOW, _OLDER = 8, 4  # keyframes that are mapped anew: the last ones, and older ones that share most landmarks
 
 
@@ -89,10 +90,7 @@ class LiveMap:
         """
         given = kept_keyframes(self._session)
         chosen = _around_the_last(given.snapshot)
-        near = Keyframes(
-            given.snapshot, given.rig, {n: i for n, i in given.index.items() if n in chosen},
-            given.image_of, given.frame_of,
-        )  # fmt: skip
+        near = replace(given, index={n: i for n, i in given.index.items() if n in chosen})
         try:
             local = join_keyframes(near, self._session.settings, self._mapping) if len(chosen) > 1 else None
         except GeometryError:  # these keyframes span no surface: the map stays as it is
@@ -178,7 +176,7 @@ class _Union:
         self.old, self.local = (_with_views_of(one, keyframes) for one in (self.old, self.local))
 
         def carry(level: str, name: str, power: int = 0) -> NDArray[Any]:
-            old, local = (_read(one, name) for one in (self.old, self.local))
+            old, local = map(attrgetter(name), (self.old, self.local))
             return _carried(old, local * self.scale**power if power else local, at[level], sizes[level])
 
         def level(name: str, power: int = 0) -> Levels:
@@ -194,8 +192,7 @@ class _Union:
             xyz=xyz[used], covariance=vertex("covariance"), surface=Surface(faces), complex_=complex_,
             signals=Signals(**{each.name: field(each.name) for each in fields(Signals)}),
             view_count=level("view_count"), view_variance=level("view_variance", 2),
-            best_view=Levels(*(carry(each, f"best_view.{each}") for each in Levels._fields)),
-            response_view=vertex("response_view"),
+            best_view=level("best_view"), response_view=vertex("response_view"),
             response=Response(vertex("response.z"), self.local.response.order, vertex("response.defined")),
             direction=vertex("direction"), direction_spread=vertex("direction_spread"),
             direction_count=vertex("direction_count"), landmark_id=self.every[used],
@@ -280,14 +277,6 @@ def _with_views_of(one: TopologicalMap, keyframes: NDArray[np.int64]) -> Topolog
     )
 
 
-def _read(one: TopologicalMap, name: str) -> NDArray[Any]:
-    """An array of a map by its dotted name."""
-    values: Any = one
-    for part in name.split("."):
-        values = getattr(values, part)
-    return np.asarray(values)
-
-
 def _carried(old: NDArray[Any], local: NDArray[Any], at: Pair, size: int) -> NDArray[Any]:
     """Values of two maps on the elements of their union, those of the second first."""
     values = np.zeros((size, *old.shape[1:]), old.dtype)
@@ -305,5 +294,5 @@ def _common_exposure(
     for one, at in ((old, rows), (local, others)):
         order = np.argsort(at, kind="stable")
         values.append(one.signals.vertex[order[np.searchsorted(at[order], both)]])
-    bright = values[1] > _DARKEST
+    bright = values[1] > DARKEST
     return float(np.median(values[0][bright] / values[1][bright])) if bright.any() else 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from .._files import PathLike, bad_input
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame
-from ..io.frames import read_frame_image
+from ..io.frames import read_frame_image, storable_image
 from ..io.landmarks import read_landmarks
 from ..mapping.build import make_map, map_of_frame
 from ..mapping.settings import MappingSettings
@@ -22,7 +22,7 @@ from ..mapping.views import View
 from ..session import Session
 from ..settings import Settings
 from ..topological_map import TopologicalMap
-from ..types import BoolArray, FloatArray, Image, Rig
+from ..types import FloatArray, Image, Rig
 from ..vision.slam.map import MapSnapshot
 from .config import resolve
 
@@ -112,7 +112,7 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSetting
     -------
     TopologicalMap
     """
-    snapshot = _restrict(given.snapshot, np.isin(given.snapshot.keyframe, list(given.index)))
+    snapshot = given.snapshot.take(np.isin(given.snapshot.keyframe, list(given.index)))
     numbers, poses = snapshot.keyframe.tolist(), snapshot.T_world_camera
     mapping = mapping or settings.mapping
     if len(numbers) == 1:
@@ -120,17 +120,6 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSetting
     placed = zip(numbers, poses, strict=True)
     views = [View(given.index[number], T, partial(given.image_of, number)) for number, T in placed]
     return make_map(views, snapshot, given.rig, settings.filter, mapping)
-
-
-def _restrict(snapshot: MapSnapshot, is_kept: BoolArray) -> MapSnapshot:
-    """A snapshot without some keyframes and what they saw."""
-    counts = np.diff(snapshot.start)
-    rows = np.repeat(is_kept, counts)
-    return replace(
-        snapshot, keyframe=snapshot.keyframe[is_kept], T_world_camera=snapshot.T_world_camera[is_kept],
-        start=np.cumsum([0, *counts[is_kept]]), observed_id=snapshot.observed_id[rows], uv=snapshot.uv[rows],
-        disparity=snapshot.disparity[rows],
-    )  # fmt: skip
 
 
 def kept_keyframes(session: Session) -> Keyframes:
@@ -165,9 +154,10 @@ def kept_keyframes(session: Session) -> Keyframes:
 
 def _image(frame: Frame) -> Image:
     """The image, as a file of the frame would have it."""
-    if frame.image is None:
+    image = storable_image(frame)
+    if image is None:
         raise InputError(f"{frame.name}: has no image, expected a keyframe with one")
-    return frame.image.astype(np.float32) if frame.image.dtype == np.float64 else frame.image
+    return image
 
 
 def stored_keyframes(folder: RunFolder) -> Keyframes:

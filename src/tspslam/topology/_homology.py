@@ -8,7 +8,8 @@ from .._jit import inlined, kernel
 
 
 @inlined
-def _root(parent, i):  # type: ignore[no-untyped-def]
+def root(parent, i):  # type: ignore[no-untyped-def]
+    """Root of i in a forest of parents, which becomes flatter on the way."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -21,7 +22,7 @@ def spanning_tree(n, edges):  # type: ignore[no-untyped-def]
     parent = np.arange(n)
     in_tree = np.zeros(edges.shape[0], np.bool_)
     for e in range(edges.shape[0]):
-        a, b = _root(parent, edges[e, 0]), _root(parent, edges[e, 1])
+        a, b = root(parent, edges[e, 0]), root(parent, edges[e, 1])
         if a != b:
             parent[max(a, b)] = min(a, b)
             in_tree[e] = True
@@ -49,7 +50,7 @@ def cotree(in_tree, count, sides, n_faces):  # type: ignore[no-untyped-def]
     for e in range(in_tree.shape[0]):
         if in_tree[e] or count[e] == 0 or count[e] > 2:
             continue
-        a, b = _root(parent, sides[e, 0]), _root(parent, sides[e, 1] if count[e] == 2 else n_faces)
+        a, b = root(parent, sides[e, 0]), root(parent, sides[e, 1] if count[e] == 2 else n_faces)
         if a != b:
             parent[max(a, b)] = min(a, b)
             in_cotree[e] = True
