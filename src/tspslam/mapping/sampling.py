@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..topology.complex import Complex
 from ..topology.texture import sample_signals
 from ..types import BoolArray, FloatArray, Response, Rig, Signals
+from ..vision.rig import project
 from .landmarks import depth_sigmas
 from .settings import Tangent, ViewSettings
 from .views import Rows, View, to_camera
@@ -299,17 +300,13 @@ def see_vertices(
     Returns
     -------
     uv : (N, 2) float64
-        px; u is NaN behind the camera.
+        px; NaN behind the camera.
     is_seen : (N,) bool
         Whether it is inside the image and hidden by no face.
     """
-    local = to_camera(shape.xyz, T_world_camera)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = local[:, 0] / local[:, 2], local[:, 1] / local[:, 2]
-    u, v = rig.fx * x + rig.skew * y + rig.cx, rig.fy * y + rig.cy
-    u[local[:, 2] <= 0] = np.nan
+    uv = project(rig, to_camera(shape.xyz, T_world_camera))
+    u, v = uv.T
     rows = np.flatnonzero((u >= 0) & (u <= rig.width - 1) & (v >= 0) & (v <= rig.height - 1))
-    uv = np.column_stack([u, v])
     along = shape.xyz[rows] - T_world_camera[:3, 3]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     sigma = depth_sigmas(shape.covariance, rows, along)
