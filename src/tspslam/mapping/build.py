@@ -29,7 +29,7 @@ from .sampling import (
 from .searching import find_again
 from .settings import MappingSettings, SurfaceSettings, ViewSettings
 from .surface import cut_surface, make_rays
-from .views import Sightings, View
+from .views import Sightings, View, take_keyframes
 from .visibility import face_normals
 
 _BYTES = 12_000  # a landmark, as measured for 20 000 (12 kB) and 60 000 (7 kB)
@@ -69,7 +69,7 @@ def make_map(
         raise InputError("map: no keyframe, expected one or more")
     _check_memory(len(snapshot.landmark_id), settings.surface)
     order = np.argsort([view.number for view in views], kind="stable")
-    views, snapshot = [views[k] for k in order], snapshot.take(order)
+    views, snapshot = [views[k] for k in order], take_keyframes(snapshot, order)
     T = snapshot.T_world_camera
     landmarks = collect_landmarks(views, snapshot, rig, settings)
     landmarks, covariance = measure_covariances(rig, T, landmarks, settings.observe)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .._brief import Brief, brief
 from ..types import BoolArray, FloatArray, Image, Rig
 from ..vision.se3 import inverse
+from ..vision.slam.map import MapSnapshot
 
 Rows = NDArray[np.int64]
 
@@ -109,6 +110,29 @@ def join_sightings(parts: Sequence[Sightings]) -> Sightings:
     Sightings
     """
     return Sightings(*(np.concatenate(columns) for columns in zip(NOTHING, *parts, strict=True)))
+
+
+def take_keyframes(snapshot: MapSnapshot, rows: Rows | BoolArray) -> MapSnapshot:
+    """Return a snapshot with some of its keyframes, in the order asked for, and what these see.
+
+    Parameters
+    ----------
+    snapshot : MapSnapshot
+        K keyframes.
+    rows : (L,) int64 or (K,) bool
+        Which of them.
+
+    Returns
+    -------
+    MapSnapshot
+    """
+    chosen = np.arange(len(snapshot.keyframe))[rows]
+    seen = np.concatenate([np.empty(0, np.int64), *(np.arange(*snapshot.start[k : k + 2]) for k in chosen)])
+    return replace(
+        snapshot, keyframe=snapshot.keyframe[chosen], T_world_camera=snapshot.T_world_camera[chosen],
+        start=np.cumsum([0, *np.diff(snapshot.start)[chosen]]), observed_id=snapshot.observed_id[seen],
+        uv=snapshot.uv[seen], disparity=snapshot.disparity[seen],
+    )  # fmt: skip
 
 
 def to_camera(xyz: FloatArray, T_world_camera: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from ..io.frames import read_frame_image, storable_image
 from ..io.landmarks import read_landmarks
 from ..mapping.build import make_map, map_of_frame
 from ..mapping.settings import MappingSettings
-from ..mapping.views import View
+from ..mapping.views import View, take_keyframes
 from ..session import Session
 from ..settings import Settings
 from ..topological_map import TopologicalMap
@@ -112,7 +112,7 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSetting
     -------
     TopologicalMap
     """
-    snapshot = given.snapshot.take(np.isin(given.snapshot.keyframe, list(given.index)))
+    snapshot = take_keyframes(given.snapshot, np.isin(given.snapshot.keyframe, list(given.index)))
     numbers, poses = snapshot.keyframe.tolist(), snapshot.T_world_camera
     mapping = mapping or settings.mapping
     if len(numbers) == 1:

@@ -175,26 +175,6 @@ class MapSnapshot(Brief):
     disparity: FloatArray
     merged: NDArray[np.int64]
 
-    def take(self, rows: NDArray[np.int64] | BoolArray) -> MapSnapshot:
-        """Return the same with some of the keyframes, in the order asked for, and what these see.
-
-        Parameters
-        ----------
-        rows : (L,) int64 or (K,) bool
-            Which keyframes.
-
-        Returns
-        -------
-        MapSnapshot
-        """
-        chosen = np.arange(len(self.keyframe))[rows]
-        seen = np.concatenate([np.empty(0, np.int64), *(np.arange(*self.start[k : k + 2]) for k in chosen)])
-        return replace(
-            self, keyframe=self.keyframe[chosen], T_world_camera=self.T_world_camera[chosen],
-            start=np.cumsum([0, *np.diff(self.start)[chosen]]), observed_id=self.observed_id[seen], uv=self.uv[seen],
-            disparity=self.disparity[seen],
-        )  # fmt: skip
-
 
 class Map:
     """Landmarks and the keyframes that saw them, in the frame of the first keyframe.
