@@ -1,1 +1,1 @@
-"""What a map is good for: denoising, segmentation, quality, recognition. Each file is one use, on the public API alone."""
+"""What a map is good for: denoise, segment, compare, recognise. Each file is one use, on the public API alone."""
