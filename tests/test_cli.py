@@ -23,7 +23,7 @@ from tspslam.vision.features.sift_brisk import SiftDetector
 
 def type_in(capsys, *words):
     """Run the command line in this process: (exit code, stdout, stderr)."""
-    code = cli._exit_code([str(word) for word in words])
+    code = cli.exit_code([str(word) for word in words])
     out, err = capsys.readouterr()
     return code, out, err
 
@@ -250,7 +250,7 @@ def test_an_interrupt_at_the_door_of_a_compiled_loop_is_one(capsys, monkeypatch)
         except SystemError as error:
             raise SystemError("returned a result with an exception set") from error
 
-    monkeypatch.setattr(cli, "_run", run)
+    monkeypatch.setattr(cli.entry, "_run", run)
     code, _, err = type_in(capsys, "run", "anything")
     assert code == 130
     assert "interrupted; the same command goes on" in err
@@ -401,7 +401,7 @@ def test_a_full_disk_is_code_5_and_leaves_no_half_file(pair_files):
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000));"
         "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        "from tspslam import cli; sys.exit(cli._exit_code(sys.argv[1:]))"
+        "from tspslam import cli; sys.exit(cli.exit_code(sys.argv[1:]))"
     )
     words = ["run", "left.png", "right.png", "--calib", "calib.yaml", "--out", "out"]
     done = subprocess.run([sys.executable, "-c", script, *words], cwd=pair_files, capture_output=True, text=True)
@@ -508,7 +508,7 @@ def test_an_internal_error_is_one_line_and_code_1_and_debug_shows_it(capsys, mon
     code, line = complain(capsys, "config", "show")
     assert (code, line) == (1, "tspslam: internal error: ZeroDivisionError: of ours (--debug shows where)")
     with pytest.raises(ZeroDivisionError):
-        cli._exit_code(["--debug", "config", "show"])
+        cli.exit_code(["--debug", "config", "show"])
 
 
 def test_config_show_says_where_each_value_came_from(capsys, tmp_path):

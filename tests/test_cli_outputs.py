@@ -223,7 +223,7 @@ def test_a_plot_is_what_its_suffix_says_and_the_same_each_time(capsys, tmp_path)
         assert type_in(capsys, *words, tmp_path / name)[0] == 0
         first[name] = (tmp_path / name).read_bytes()
         assert first[name].startswith(mark)
-    script = f"from tspslam import cli\nfor name in {list(PLOTS)}: assert cli._exit_code([*{words!r}, name]) == 0"
+    script = f"from tspslam import cli\nfor name in {list(PLOTS)}: assert cli.exit_code([*{words!r}, name]) == 0"
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, cwd=tmp_path)
     assert {name: (tmp_path / name).read_bytes() for name in PLOTS} == first
 

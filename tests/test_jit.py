@@ -30,7 +30,7 @@ def test_without_a_cache_folder_kernels_compile_and_one_line_says_so(monkeypatch
 
 
 def test_a_fresh_cache_folder_is_announced_and_then_used(tmp_path, pair_files):
-    script = "from tspslam.cli import _announce_compilation as say; say()"
+    script = "from tspslam.cli._shared import announce_compilation as say; say()"
     environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PATH": ""}
 
     def said(code):

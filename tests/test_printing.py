@@ -156,5 +156,5 @@ def test_no_file_takes_the_number_of_a_closed_stream():
 def test_without_words_the_help_is_shown(capsys):
     _, out, err = type_in(capsys)
     assert "Commands:" in out + err
-    assert cli._exit_code(["--help"]) == 0
+    assert cli.exit_code(["--help"]) == 0
     assert capsys.readouterr().out.startswith("Usage: tspslam")

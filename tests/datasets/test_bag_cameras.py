@@ -110,10 +110,10 @@ def test_the_command_line_passes_topics_and_calibration_on(tmp_path, pairs, caps
     path = write(tmp_path / "a.bag", KINDS["ros1"], bare(KINDS["ros1"], pairs, names))
     save_cameras(RIG, tmp_path / "calib.yaml")
     words = ["run", str(path), "--out", str(tmp_path / "run"), "--calib", str(tmp_path / "calib.yaml")]
-    assert cli._exit_code(words) == cli.BAD_INPUT
+    assert cli.exit_code(words) == cli.BAD_INPUT
     assert "--topics LEFT RIGHT" in capsys.readouterr().err
-    assert cli._exit_code([*words, "--topics", "/front/image", "/nowhere"]) == cli.BAD_INPUT
+    assert cli.exit_code([*words, "--topics", "/front/image", "/nowhere"]) == cli.BAD_INPUT
     assert "has no images on /nowhere; expected one of /back/picture, /front/image" in capsys.readouterr().err
-    assert cli._exit_code(["run", "--topics", *names]) == cli.USAGE
-    assert cli._exit_code(["run", "a.png", "--depth", "d.png", "--topics", *names]) == cli.USAGE
+    assert cli.exit_code(["run", "--topics", *names]) == cli.USAGE
+    assert cli.exit_code(["run", "a.png", "--depth", "d.png", "--topics", *names]) == cli.USAGE
     assert capsys.readouterr().err.count("goes with a bag alone") == 2

@@ -183,6 +183,6 @@ def test_a_grey_and_a_coloured_image_are_called_so(tmp_path: Path, side: str, ki
 
 def test_a_video_is_refused_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "v.mp4").write_bytes(b"x")
-    assert cli._exit_code(["run", str(tmp_path / "v.mp4"), "--out", str(tmp_path / "run")]) == cli.BAD_INPUT
+    assert cli.exit_code(["run", str(tmp_path / "v.mp4"), "--out", str(tmp_path / "run")]) == cli.BAD_INPUT
     assert "ffmpeg -i v.mp4" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

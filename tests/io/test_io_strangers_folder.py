@@ -244,6 +244,6 @@ def test_a_command_that_is_refused_leaves_no_folder(tmp_path, monkeypatch, pair_
         Image.new("L", (300, 200), 128).save(pair_files / f"{side}.png")  # shows nothing
     command = ["run", str(pair_files / "left.png"), str(pair_files / "right.png"), "--calib"]
     monkeypatch.chdir(tmp_path)
-    assert cli._exit_code([*command, str(pair_files / "calib.yaml")]) == cli.BAD_INPUT
+    assert cli.exit_code([*command, str(pair_files / "calib.yaml")]) == cli.BAD_INPUT
     assert not (tmp_path / "runs").exists()
     assert "texture" in capsys.readouterr().err

@@ -42,20 +42,20 @@ def test_a_file_without_stamps_is_matched_by_line(paths, estimate):
 
 def test_the_command_prints_what_the_function_finds_and_draws(paths, capsys):
     command = ["eval", str(paths / "estimate.tum"), "--truth", str(paths / "truth.tum")]
-    assert cli._exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
+    assert cli.exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == describe_errors(evaluated(paths / "estimate.tum", paths / "truth.tum"))
     assert {"ate_rmse_m", "rpe_translation_percent_10m", "rpe_rotation_deg_frame", "matched", "total"} <= set(found)
     assert found["rpe_translation_percent_10m"] == pytest.approx(1, abs=0.05)
     assert image_size(paths / "path.png")[0] > 1000
-    assert cli._exit_code(command) == 0
+    assert cli.exit_code(command) == 0
     assert "ate_rmse_m" in capsys.readouterr().out
 
 
 def test_a_person_is_told_units_words_and_the_file_of_the_plot(paths, capsys):
     cut(paths, "part.tum", slice(0, 45))
     command = ["eval", str(paths / "part.tum"), "--truth", str(paths / "truth.tum")]
-    assert cli._exit_code([*command, "--plot", str(paths / "path.png")]) == 0
+    assert cli.exit_code([*command, "--plot", str(paths / "path.png")]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     assert last == f"wrote {paths / 'path.png'}"
     found = describe_errors(evaluated(paths / "part.tum", paths / "truth.tum"))
@@ -67,7 +67,7 @@ def test_a_person_is_told_units_words_and_the_file_of_the_plot(paths, capsys):
     assert re.fullmatch(r"100 % +of the path's time .*", told["covered"])
     assert re.match(r"7[45][.\d]* % +of the true path's time", told["truth_covered"])
     assert re.match(r"0 poses +of the path that are NaN", told["unknown"])
-    assert cli._exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
+    assert cli.exit_code([*command, "--json", "--plot", str(paths / "path.png")]) == 0
     assert json.loads(capsys.readouterr().out) == found
 
 
@@ -107,7 +107,7 @@ BAD = {
 @pytest.mark.parametrize("said", BAD)
 def test_a_bad_file_is_one_line_and_exit_code_three(tmp_path, capsys, said):
     (tmp_path / "a.txt").write_text(BAD[said])
-    assert cli._exit_code(["eval", str(tmp_path / "a.txt"), "--truth", str(tmp_path / "a.txt")]) == cli.BAD_INPUT
+    assert cli.exit_code(["eval", str(tmp_path / "a.txt"), "--truth", str(tmp_path / "a.txt")]) == cli.BAD_INPUT
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
@@ -157,7 +157,7 @@ def test_a_run_folder_of_a_stranger_is_read_or_one_line(paths, capsys, said):
     content = STRANGE[said]
     (paths / "run/run.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     command = ["eval", str(paths / "run"), "--truth", str(paths / "truth.tum")]
-    assert cli._exit_code(command) == cli.BAD_INPUT
+    assert cli.exit_code(command) == cli.BAD_INPUT
     err = capsys.readouterr().err
     assert said in err
     assert "run.json" in err
@@ -182,14 +182,14 @@ def cut(paths, name, rows):
 
 def test_two_poses_of_sixty_are_an_error_and_a_quarter_is_said(paths, capsys):
     words = ["eval", str(paths / "estimate.tum"), "--json", "--truth"]
-    assert cli._exit_code([*words, str(cut(paths, "two.tum", slice(0, 2)))]) == cli.BAD_INPUT
+    assert cli.exit_code([*words, str(cut(paths, "two.tum", slice(0, 2)))]) == cli.BAD_INPUT
     assert "2 of 60 poses have a true one within 0.01 s, expected at least 3" in capsys.readouterr().err
-    assert cli._exit_code([*words, str(cut(paths, "three.tum", slice(0, 3)))]) == cli.BAD_INPUT
+    assert cli.exit_code([*words, str(cut(paths, "three.tum", slice(0, 3)))]) == cli.BAD_INPUT
     assert (
         "3 of 60 poses have a true one within 0.01 s, 3.4 % of the path, expected at least 5 %"
         in capsys.readouterr().err
     )
-    assert cli._exit_code([*words, str(cut(paths, "part.tum", slice(0, 15)))]) == cli.COMPLETE
+    assert cli.exit_code([*words, str(cut(paths, "part.tum", slice(0, 15)))]) == cli.COMPLETE
     out, err = capsys.readouterr()
     said = "only 24 % of the estimated path is compared (15 of 60 poses): the errors are those of a part"
     assert err == f"warning: {said}\n"
@@ -202,11 +202,11 @@ def test_unknown_true_poses_are_left_out_and_counted(paths, capsys):
     for k in (3, 4, 59):
         lines[k] = lines[k].split()[0] + " NaN" * 7
     (paths / "holes.tum").write_text("\n".join(lines))
-    assert cli._exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum"), "--json"]) == 0
+    assert cli.exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [found[key] for key in ("matched", "total", "truth_total", "truth_unknown")] == [57, 60, 57, 3]
     assert found["scale"] == pytest.approx(1 / 1.01)
-    assert cli._exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum")]) == 0
+    assert cli.exit_code(["eval", str(paths / "estimate.tum"), "--truth", str(paths / "holes.tum")]) == 0
     assert "truth_unknown" + " " * 17 + "3 poses " in capsys.readouterr().out
 
 

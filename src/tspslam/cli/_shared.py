@@ -1,0 +1,77 @@
+"""What the commands share: the parser they hang on, options, exit codes, checks of what was typed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..printing import note, say
+
+if TYPE_CHECKING:
+    from ..run.pipeline import RunResult
+
+COMPLETE, INTERNAL, USAGE, BAD_INPUT, DEGRADED, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+app = typer.Typer(
+    help="Topological signal processing on what a stereo camera sees.",
+    no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+)  # fmt: skip
+
+SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one setting.")]
+PresetOption = Annotated[str, typer.Option(help="Where settings start: default, or paper.")]
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file of settings.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="Run folder [default: runs/NAME].")]
+SizeOption = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images, where the file has none.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of another kind; never an input.")]
+TopicsOption = Annotated[
+    tuple[str, str] | None, typer.Option(metavar="LEFT RIGHT", help="Topics of a bag with the images.")
+]
+BitsOption = Annotated[int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found].")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Threads at a time [default: one a core].")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def check_suffix(path: Path, allowed: list[str], option: str) -> None:
+    """Refuse a file to write whose suffix is none of those allowed."""
+    if path.suffix.lower()[1:] not in allowed:
+        expected = " or ".join(f".{each}" for each in allowed)
+        raise typer.BadParameter(
+            f"{str(path)!r} has the suffix {path.suffix!r}, expected {expected}", param_hint=option
+        )
+
+
+def check_folder(out: Path, *inputs: Path | None) -> None:
+    """Refuse a run folder that is an input, or holds one."""
+    from ..run import guard
+
+    guard.check_folder(out, [path for path in inputs if path])
+
+
+def announce_compilation() -> None:
+    """Say that kernels are being compiled, if they are."""
+    from .._jit import is_cached
+    from ..topology._harmonics import filter_one_ring
+
+    if not is_cached(filter_one_ring):
+        note("compiling kernels (once on this machine, up to a minute) ...")
+
+
+def finish(result: RunResult, as_json: bool) -> None:
+    """Say what a run folder holds, and end with the code of a degraded run if it is one."""
+    run, folder = result.run, result.folder
+    for warning in run["warnings"]:
+        note(f"warning: {warning['message']}")
+    if as_json:
+        say(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
+    else:
+        sizes = run["complex"]
+        say(f"{run['status']}: {run['frames']} frame(s), {run.get('keyframes', 1)} keyframe(s); {sizes['n']} points, "
+             f"{sizes['edges']} edges, {sizes['faces']} faces, {run['defined']} responses")  # fmt: skip
+        say(
+            f"pictures: {folder / 'pictures'}", f"report:   {folder / 'report.html'}", f"map:      {folder / 'map.vtu'}"
+        )
+    if result.is_degraded:
+        raise typer.Exit(DEGRADED)

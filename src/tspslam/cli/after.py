@@ -1,0 +1,77 @@
+"""What is done with a finished run: ``tspslam export``, ``map`` and ``eval``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..printing import note, say
+from ._shared import ForceOption, JsonOption, SetOption, app, check_suffix
+
+
+@app.command("export")
+def export_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
+    frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map].")] = None,
+    output: Annotated[Path | None, typer.Option(help="File [default: RUN-map or -FRAME.FORMAT here].")] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the map of a finished run, or one of its frames, in another format, without running again."""
+    from ..run.export import FORMATS, export
+
+    if to not in FORMATS:
+        raise typer.BadParameter(f"{to!r}, expected one of {', '.join(FORMATS)}", param_hint="--to")
+    check_suffix(output or Path(f"map.{to}"), [to], "--output")
+    target = export(run, to, output, frame=frame, is_forced=force)
+    say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
+
+
+@app.command("map")
+def map_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    output: Annotated[Path | None, typer.Option(help="File: .npz, .vtu or .ply [default: RUN-map.npz].")] = None,
+    assignments: SetOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the map of a finished run anew, with other settings of it, such as --set mapping.surface.longest=0.3."""
+    from ..run.export import FORMATS, export_map_anew
+
+    check_suffix(output or Path("map.npz"), list(FORMATS), "--output")
+    made = export_map_anew(run, output, assignments or (), is_forced=force)
+    said = ", ".join(f"{count} {name}" for name, count in made.items() if name != "written")
+    say(json.dumps(made) if as_json else f"wrote {made['written']}: {said}")
+
+
+@app.command("eval")
+def eval_command(
+    run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI).")],
+    truth: Annotated[Path, typer.Option(help="True poses: a file (TUM, KITTI) or a sequence folder that has them.")],
+    max_difference: Annotated[float, typer.Option(min=0, help="Between two matched stamps, s.")] = 0.01,
+    plot: Annotated[Path | None, typer.Option(help="PNG, PDF or SVG of both paths and the error along them.")] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
+    from ..run.evaluate import describe_errors, evaluated, tabulate
+
+    if plot:
+        from ..run.guard import PICTURES, check_output
+
+        check_suffix(plot, list(PICTURES), "--plot")
+        check_output(plot, PICTURES[plot.suffix.lower()[1:]], [run, truth], is_forced=force)
+    errors = evaluated(run, truth, max_stamp_difference=max_difference)
+    if plot:
+        from ..view import write_path_picture
+
+        write_path_picture(errors, plot)
+    for line in errors.warnings:
+        note(f"warning: {line}")
+    say(*([json.dumps(describe_errors(errors))] if as_json else tabulate(errors)))
+    if plot and not as_json:
+        say(f"wrote {plot}")

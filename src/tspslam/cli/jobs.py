@@ -1,0 +1,157 @@
+"""The main job, and the topology wing alone: ``tspslam run`` and ``filter``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from ..errors import InputError
+from ..printing import progress as progress_bar
+from ._shared import (
+    BitsOption,
+    ConfigOption,
+    JsonOption,
+    OutOption,
+    PresetOption,
+    SetOption,
+    ThreadsOption,
+    TopicsOption,
+    announce_compilation,
+    app,
+    check_folder,
+    finish,
+)  # fmt: skip
+
+if TYPE_CHECKING:
+    from ..run.pipeline import Source
+
+
+@app.command("run")
+def run_command(
+    source: Annotated[
+        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
+    ] = None,
+    calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
+    topics: TopicsOption = None,
+    depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
+    disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
+    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
+    unknown: Annotated[
+        float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
+    ] = None,
+    bits: BitsOption = None,
+    out: OutOption = None,
+    frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
+    detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
+    preset: PresetOption = "default",
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
+    from .._threads import set_threads
+    from ..run import config as configuration
+    from ..run import pipeline
+    from ..settings import KINDS
+
+    if detector not in (None, *KINDS["detector"]):
+        expected = ", ".join(KINDS["detector"])
+        raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
+    chosen = [f"detector.kind={detector}"] if detector else []
+    resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
+    if topics and (depth or disparity or len(source or []) != 1):
+        raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
+    if depth or disparity:
+        pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
+    elif unit is not None or unknown is not None:
+        hint = "--unknown" if unit is None else "--unit"
+        raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
+    else:
+        pairs = _open_source(source or [], calib, topics, bits)
+    wanted = _frame_range(frames, len(pairs))
+    target = out or Path("runs") / pairs.name
+    check_folder(target, *(source or []), calib, depth, disparity)
+    announce_compilation()
+    set_threads(threads)
+    with progress_bar(len(wanted)) as progress:
+        result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, progress=progress)
+    finish(result, as_json)
+
+
+@app.command("filter")
+def filter_command(
+    mesh: Annotated[Path, typer.Argument(help="PLY, OBJ or VTU mesh, in the camera's frame, metres.")],
+    image: Annotated[Path, typer.Option(help="Image that the camera took.")],
+    calib: Annotated[Path, typer.Option(help="Calibration file.")],
+    bits: BitsOption = None,
+    out: OutOption = None,
+    order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
+    centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
+    merge: Annotated[bool, typer.Option("--merge-corners", help="Make one vertex of those at the same place.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
+    from ..run.mesh import filter_mesh
+    from ..topology.harmonic import Tmahf
+
+    stage = Tmahf(order, centering)  # type: ignore[arg-type]
+    target = out or Path("runs") / f"{mesh.stem}-filter{'-merged' if merge else ''}"
+    check_folder(target, mesh, image, calib)
+    announce_compilation()
+    finish(filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits), as_json)
+
+
+def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
+    from .. import datasets
+    from ..run.pipeline import OnePair
+
+    if len(paths) == 2:
+        if calib is None:
+            raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
+        return OnePair(datasets.read_pair(paths[0], paths[1], calib, bits=bits))
+    if not paths and calib is not None:
+        raise typer.BadParameter("goes with a pair of files or a folder", param_hint="--calib")
+    if not paths and bits is not None:
+        raise typer.BadParameter("goes with images", param_hint="--bits")
+    if not paths:
+        return OnePair(datasets.motorcycle())
+    if len(paths) > 2:
+        raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits)
+
+
+def _open_map(
+    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, said: dict[str, Any]
+) -> Source:
+    from .. import datasets
+    from ..run.pipeline import OnePair
+
+    kinds: tuple[tuple[Literal["depth", "disparity"], Path | None], ...] = (("depth", depth), ("disparity", disparity))
+    maps = [(kind, path) for kind, path in kinds if path]
+    if len(paths) != 1 or calib is None or len(maps) != 1:
+        wanted = "one image, --calib, and either --depth or --disparity"
+        raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
+    kind, path = maps[0]
+    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, **said))
+
+
+def _frame_range(text: str | None, count: int) -> range:
+    from .._text import is_plain
+
+    if text is None:
+        return range(count)
+    first, colon, last = text.partition(":")
+    try:
+        if not is_plain(text):  # int takes 1_0 and other digits too
+            raise ValueError
+        chosen = range(count)[slice(int(first) if first else None, int(last) if last else None)]
+    except ValueError:
+        colon = ""
+    if not colon:
+        raise typer.BadParameter(f"{text!r}, expected A:B with integers", param_hint="--frames")
+    if not chosen:
+        raise InputError(f"--frames {text}: selects none of the {count} frames")
+    return chosen
