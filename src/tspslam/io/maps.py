@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._brief import brief
 from ..frame import Frame
@@ -15,6 +16,7 @@ from ..topological_map import TopologicalMap
 from ..topology.complex import Complex
 from ..types import FloatArray, Response, one_channel
 from .ply import write_ply
+from .textured import TexturedMesh
 from .vtu import write_vtu
 
 Columns = dict[str, NDArray[Any]]
@@ -49,17 +51,21 @@ def write_maps(vtu: Path, ply: Path, shown: Frame | TopologicalMap) -> None:
     write_map_ply(ply, shown)
 
 
-def write_map_vtu(path: Path, shown: Frame | TopologicalMap) -> None:
+def write_map_vtu(
+    path: Path, shown: Frame | TopologicalMap | TexturedMesh, *, face: Mapping[str, ArrayLike] | None = None
+) -> None:
     """Write a frame or a map as VTU: lines and triangles, told apart by the integer cell array ``dim``.
 
     Parameters
     ----------
     path : path
         Where to.
-    shown : Frame or TopologicalMap
+    shown : Frame, TopologicalMap or TexturedMesh
         Cells carry ``luminance``, ``pixels`` and ``ok``; points also the response (real, imaginary part, magnitude,
         phase, defined). Points of a frame have their depth; elements of a map ``views`` and ``variance``, its points
         ``landmark_id``, ``direction`` and ``direction_spread``, and its triangles are wound as the surface's.
+    face : dict of (F,) arrays, optional
+        More columns of the triangles.
 
     Raises
     ------
@@ -67,18 +73,24 @@ def write_map_vtu(path: Path, shown: Frame | TopologicalMap) -> None:
         If the file cannot be written.
     """
     layers = _layers(shown)
-    write_vtu(path, layers.complex_, layers.xyz, vertex=layers.vertex, edge=layers.edge, face=layers.face)
+    write_vtu(
+        path, layers.complex_, layers.xyz, vertex=layers.vertex, edge=layers.edge, face={**layers.face, **(face or {})}
+    )
 
 
-def write_map_ply(path: Path, shown: Frame | TopologicalMap) -> None:
+def write_map_ply(
+    path: Path, shown: Frame | TopologicalMap | TexturedMesh, *, face: Mapping[str, ArrayLike] | None = None
+) -> None:
     """Write a frame or a map as PLY: vertices and faces with their signals; those of edges, in VTU, break many readers.
 
     Parameters
     ----------
     path : path
         Where to.
-    shown : Frame or TopologicalMap
+    shown : Frame, TopologicalMap or TexturedMesh
         Vertices also carry their luminance as grey ``red green blue``; those of a map their normals.
+    face : dict of (F,) arrays, optional
+        More columns of the triangles.
 
     Raises
     ------
@@ -86,18 +98,22 @@ def write_map_ply(path: Path, shown: Frame | TopologicalMap) -> None:
         If the file cannot be written.
     """
     layers = _layers(shown)
-    grey = np.round(255 * np.clip(layers.vertex["luminance"], 0, 1)).astype(np.uint8)
-    vertex = dict.fromkeys(("red", "green", "blue"), grey)
+    vertex: Columns = {}
+    if "luminance" in layers.vertex:
+        grey = np.round(255 * np.clip(layers.vertex["luminance"], 0, 1)).astype(np.uint8)
+        vertex = dict.fromkeys(("red", "green", "blue"), grey)
     if isinstance(shown, TopologicalMap):
         vertex |= dict(zip(("nx", "ny", "nz"), _normals(layers.xyz, layers.faces).T, strict=True))
-    vertex, face = (
+    vertex, own = (
         {name: values for name, values in columns.items() if name not in _BEYOND_PLY}
         for columns in (vertex | layers.vertex, layers.face)
     )
-    write_ply(path, layers.xyz, layers.faces, vertex=vertex, face=face)
+    write_ply(path, layers.xyz, layers.faces, vertex=vertex, face={**own, **(face or {})})
 
 
-def _layers(shown: Frame | TopologicalMap) -> Layers:
+def _layers(shown: Frame | TopologicalMap | TexturedMesh) -> Layers:
+    if isinstance(shown, TexturedMesh):
+        return _of_mesh(shown)
     return _of_map(shown) if isinstance(shown, TopologicalMap) else _of_frame(shown)
 
 
@@ -107,6 +123,16 @@ def _of_frame(frame: Frame) -> Layers:
     edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
     face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
     return Layers(frame.complex_, xyz, frame.surface.faces, vertex, edge, face)
+
+
+def _of_mesh(mesh: TexturedMesh) -> Layers:
+    wound = replace(mesh.complex_, faces=mesh.faces)
+    signals = mesh.signals
+    if not (signals.vertex_ok.any() or signals.edge_ok.any() or signals.face_ok.any()):
+        return Layers(wound, mesh.xyz, mesh.faces, {}, {}, {})
+    edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
+    face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
+    return Layers(wound, mesh.xyz, mesh.faces, _level(signals.vertex, signals.vertex_ok), edge, face)
 
 
 def _of_map(map_: TopologicalMap) -> Layers:

@@ -1,0 +1,109 @@
+"""``tspslam denoise``: a map, a frame or a mesh with less noise, in its places and in its signals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..apps.cloud import denoise_cloud
+from ..apps.mesh import denoise_mesh
+from ..apps.signals import denoise_signals
+from ..frame import Frame
+from ..topological_map import TopologicalMap
+from ..types import Cloud, FloatArray, Signals
+from .given import Given
+
+
+def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given:
+    """Denoise what a run or a file holds.
+
+    Parameters
+    ----------
+    given : Given
+        As `open_given` reads it.
+    places, signals : bool
+        Whether vertices are moved, and whether signals are changed. A stereo frame's points move along their rays
+        (`denoise_cloud`), a map's vertices by their covariance, a mesh' by its faces (`denoise_mesh`).
+
+    Returns
+    -------
+    Given
+        Of the same kind. Response and directions are those that were measured: they are not filtered anew.
+
+    Raises
+    ------
+    InputError, GeometryError
+        If there is nothing to work on.
+    """
+    smooth = _smooth(given) if signals and given.signals.vertex_ok.any() else given.signals
+    shown = given.shown
+    if isinstance(shown, Frame):
+        return replace(given, shown=replace(shown, cloud=_cloud(shown) if places else shown.cloud, signals=smooth))
+    xyz = given.xyz
+    if places:
+        covariance = shown.covariance if isinstance(shown, TopologicalMap) else None
+        xyz = denoise_mesh(xyz, given.faces, covariance=covariance)
+    if isinstance(shown, TopologicalMap):
+        return replace(given, shown=replace(shown, xyz=xyz, signals=smooth))
+    return replace(given, shown=shown._replace(xyz=xyz, signals=smooth))
+
+
+def _cloud(frame: Frame) -> Cloud:
+    """A stereo frame's points move along their rays; those of a mesh that a photo shows, with their faces."""
+    if frame.image is not None and frame.rig.baseline > 0 and frame.cloud.covariance is not None:
+        return denoise_cloud(frame.cloud, frame.surface, frame.image, rig=frame.rig)
+    return replace(frame.cloud, xyz=denoise_mesh(frame.cloud.xyz, frame.surface.faces))
+
+
+def _smooth(given: Given) -> Signals:
+    uv = given.shown.cloud.uv if isinstance(given.shown, Frame) else None
+    return denoise_signals(given.complex_, given.signals, uv=uv)
+
+
+def describe_change(before: Given, after: Given) -> dict[str, Any]:
+    """How far vertices moved, and how much signals changed.
+
+    Parameters
+    ----------
+    before, after : Given
+        Of one complex.
+
+    Returns
+    -------
+    dict
+        ``moved_m`` (median and largest), ``changed`` (root mean square, of each level that has signals).
+    """
+    moved = np.linalg.norm(after.xyz - before.xyz, axis=1)
+    levels = ("vertex", "edge", "face")
+    changed = {level: _rms(before.signals, after.signals, level) for level in levels}
+    return {
+        "moved_m": {"median": float(np.median(moved)), "largest": float(moved.max())} if len(moved) else {},
+        "changed": {level: value for level, value in changed.items() if value is not None},
+    }
+
+
+def _rms(before: Signals, after: Signals, level: str) -> float | None:
+    ok = getattr(before, f"{level}_ok")
+    difference: FloatArray = (getattr(after, level) - getattr(before, level))[ok]
+    return float(np.sqrt(np.mean(difference**2))) if difference.size else None
+
+
+def name_of_result(source: Path) -> Path:
+    """Name the result of what `source` is: a run folder's and an .npz's is a VTU, a mesh' is of its own format.
+
+    Parameters
+    ----------
+    source : path
+        The run folder or the file.
+
+    Returns
+    -------
+    Path
+    """
+    from .given import name_beside
+
+    own = source.suffix.lower()
+    return name_beside(source, "denoised", own if own in (".vtu", ".ply") else ".vtu")

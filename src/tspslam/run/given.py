@@ -1,0 +1,236 @@
+"""What a use works on: the map or a frame of a run folder, a file of either, or a mesh, with a posed photo or alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._brief import Brief
+from .._files import PathLike, bad_input
+from ..errors import InputError
+from ..frame import Frame
+from ..interop.meshes import from_file
+from ..io import RunFolder, read_frame, write_frame
+from ..io.maps import write_map_ply, write_map_vtu
+from ..io.textured import TexturedMesh, read_textured
+from ..io.topological import load_map, read_map, write_map
+from ..mapping.build import map_of_frame
+from ..topological_map import TopologicalMap
+from ..topology.complex import Complex
+from ..types import FloatArray, Response, Signals
+from .guard import MAPS, PICTURES, check_output, is_inside
+
+Shown = Frame | TopologicalMap | TexturedMesh
+
+
+@dataclass(frozen=True, repr=False)
+class Given(Brief):
+    """A complex with places and signals, whatever it came from.
+
+    Attributes
+    ----------
+    path : Path
+        The run folder or the file.
+    shown : Frame or TopologicalMap or TexturedMesh
+        What it holds.
+    """
+
+    path: Path
+    shown: Shown
+
+    @property
+    def xyz(self) -> FloatArray:
+        """Places, (N, 3), m; of a frame in the camera's frame."""
+        return self.shown.cloud.xyz if isinstance(self.shown, Frame) else self.shown.xyz
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """Triangles, (F, 3), winding kept."""
+        return self.shown.faces if isinstance(self.shown, TexturedMesh) else self.shown.surface.faces
+
+    @property
+    def complex_(self) -> Complex:
+        """Their complex."""
+        return self.shown.complex_
+
+    @property
+    def signals(self) -> Signals:
+        """What is known of luminance."""
+        return self.shown.signals
+
+    @property
+    def response(self) -> Response | None:
+        """The response, where there is one."""
+        return None if isinstance(self.shown, TexturedMesh) else self.shown.response
+
+    def as_map(self) -> TopologicalMap | None:
+        """Return the map, or the frame as a map of one keyframe; None of a mesh without a camera."""
+        if isinstance(self.shown, Frame):
+            pose = self.shown.T_world_camera
+            return map_of_frame(self.shown, self.shown.rig, np.eye(4) if pose is None else pose)
+        return None if isinstance(self.shown, TexturedMesh) else self.shown
+
+
+def open_given(
+    source: PathLike, image: PathLike | None = None, calibration: PathLike | None = None,
+    *, frame: int | None = None, bits: int | None = None,
+) -> Given:  # fmt: skip
+    """Read what a use is to work on.
+
+    Parameters
+    ----------
+    source : path
+        A run folder (its map, or the frame of a run of one; with `frame`, that keyframe), a map's or a frame's .npz,
+        or a mesh: .vtu and .ply with the signals that they carry, .obj without.
+    image, calibration : path, optional
+        A photo and its camera, for a mesh in the camera's frame.
+    frame : int, optional
+        Index of a keyframe of a run folder.
+    bits : int, optional
+        How many bits the image's pixels use if they have 16.
+
+    Returns
+    -------
+    Given
+
+    Raises
+    ------
+    InputError
+        If something cannot be read, or the arguments do not go together.
+    """
+    path = Path(source)
+    if (image is None) != (calibration is None):
+        raise InputError(f"{path}: a photo and the calibration of its camera go together, expected both or neither")
+    if image is not None and calibration is not None:
+        if path.is_dir():
+            raise bad_input(path, "is a folder", "a mesh file to go with a photo")
+        return Given(path, from_file(path, image, calibration, bits=bits))
+    if path.is_dir() or not path.suffix:
+        return _of_run(path, frame)
+    if frame is not None:
+        raise bad_input(path, "is a file", "a run folder to go with a frame's index")
+    return Given(path, _of_npz(path) if path.suffix.lower() == ".npz" else read_textured(path))
+
+
+def _of_run(path: Path, frame: int | None) -> Given:
+    folder = RunFolder.open(path)
+    made = load_map(path) if frame is None and folder.map_npz_path.exists() else None
+    if made is not None and len(made.keyframes) > 1:
+        return Given(path, made)
+    if frame is None and len(folder.stored_frames) > 1:
+        raise bad_input(path, "has no map of its keyframes", f"a frame's index, such as {folder.stored_frames[0]}")
+    return Given(path, read_frame(folder.finished_frame(frame or 0)))
+
+
+def _of_npz(path: Path) -> Frame | TopologicalMap:
+    return read_map(path) if path.is_file() and MAPS["map"].fits(path) else read_frame(path)
+
+
+def write_given(
+    given: Given, output: Path, *, face: Mapping[str, ArrayLike] | None = None, is_forced: bool = False
+) -> Path:
+    """Write what a use has made, in the format that the suffix names.
+
+    Parameters
+    ----------
+    given : Given
+        What is written.
+    output : path
+        .vtu, .ply, or, of a map or a frame, .npz.
+    face : dict of (F,) arrays, optional
+        More columns of the faces; not in .npz.
+    is_forced : bool
+        Whether a file of another kind may be overwritten.
+
+    Returns
+    -------
+    Path
+        `output`.
+
+    Raises
+    ------
+    InputError
+        If the file lies in the run, or is of another kind; if a mesh or columns are to go into .npz.
+    OutputError
+        If it cannot be written.
+    """
+    kind = output.suffix[1:].lower()
+    if kind == "npz" and (face or isinstance(given.shown, TexturedMesh)):
+        raise bad_input(output, "is a name for a map or a frame alone", "one that ends with .vtu or .ply")
+    is_map = kind == "npz" and isinstance(given.shown, TopologicalMap)
+    check_result(given, output, "map" if is_map else kind, is_forced=is_forced)
+    if kind == "npz":
+        (write_map if is_map else write_frame)(output, given.shown)  # type: ignore[operator]
+    else:
+        (write_map_vtu if kind == "vtu" else write_map_ply)(output, given.shown, face=face)
+    return output
+
+
+def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = False) -> None:
+    """Refuse to write into the run that is read, over an input, or over a file of another kind.
+
+    Parameters
+    ----------
+    given : Given
+        What was read.
+    output : path
+        The file to write.
+    kind : str
+        Its kind, as `guard.MAPS` and `guard.PICTURES` name them.
+    is_forced : bool
+        Whether a file of another kind may be overwritten.
+
+    Raises
+    ------
+    InputError
+    """
+    if given.path.is_dir() and is_inside(output, given.path):
+        raise InputError(f"{output}: lies in the run folder {given.path}; expected a place outside")
+    check_output(output, {**MAPS, **PICTURES}[kind], [given.path], is_forced=is_forced)
+
+
+def name_beside(source: PathLike, what: str, suffix: str) -> Path:
+    """Name a result of a run folder or a file: its name, what was done, and a suffix, in the folder one is in.
+
+    Parameters
+    ----------
+    source : path
+        The run folder or the file.
+    what : str
+        What was done.
+    suffix : str
+        With its dot.
+
+    Returns
+    -------
+    Path
+
+    Examples
+    --------
+    >>> name_beside("meshes/part.obj", "denoised", ".vtu").name
+    'part-denoised.vtu'
+    """
+    path = Path(source).resolve()
+    stem = path.name if path.is_dir() else path.stem
+    return Path(f"{stem}-{what}{suffix}")
+
+
+def count_of(given: Given) -> dict[str, Any]:
+    """Count the vertices, edges and faces of what was given.
+
+    Parameters
+    ----------
+    given : Given
+        What was read.
+
+    Returns
+    -------
+    dict of str to int
+    """
+    complex_ = given.complex_
+    return {"vertices": complex_.n, "edges": len(complex_.edges), "faces": len(complex_.faces)}
