@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from ..mapping.build import map_of_frame
 from ..topological_map import TopologicalMap
 from ..topology.complex import Complex
 from ..types import FloatArray, Response, Signals
-from .guard import MAPS, PICTURES, check_output, is_inside
+from .guard import MAPS, PAGE, PICTURES, check_output, is_inside
 
 Shown = Frame | TopologicalMap | TexturedMesh
 
@@ -159,16 +160,45 @@ def write_given(
     OutputError
         If it cannot be written.
     """
-    kind = output.suffix[1:].lower()
-    if kind == "npz" and (face or isinstance(given.shown, TexturedMesh)):
-        raise bad_input(output, "is a name for a map or a frame alone", "one that ends with .vtu or .ply")
-    is_map = kind == "npz" and isinstance(given.shown, TopologicalMap)
-    check_result(given, output, "map" if is_map else kind, is_forced=is_forced)
-    if kind == "npz":
-        (write_map if is_map else write_frame)(output, given.shown)  # type: ignore[operator]
+    kind = kind_of(given, output)
+    if kind == "map" and face:
+        raise bad_input(output, "holds no more columns", "a name that ends with .vtu or .ply")
+    check_result(given, output, kind, is_forced=is_forced)
+    if isinstance(given.shown, TopologicalMap) and kind == "map":
+        write_map(output, given.shown)
+    elif isinstance(given.shown, Frame) and kind == "npz":
+        write_frame(output, given.shown)
     else:
         (write_map_vtu if kind == "vtu" else write_map_ply)(output, given.shown, face=face)
     return output
+
+
+def kind_of(given: Given, output: Path) -> str:
+    """Which kind of file a result will be, by its suffix.
+
+    Parameters
+    ----------
+    given : Given
+        What is written.
+    output : path
+        The file.
+
+    Returns
+    -------
+    str
+        One of `guard.MAPS`.
+
+    Raises
+    ------
+    InputError
+        If it is .npz, and a mesh that is neither map nor frame.
+    """
+    kind = output.suffix[1:].lower()
+    if kind != "npz":
+        return kind
+    if isinstance(given.shown, TexturedMesh):
+        raise bad_input(output, "is a name for a map or a frame alone", "one that ends with .vtu or .ply")
+    return "map" if isinstance(given.shown, TopologicalMap) else "npz"
 
 
 def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = False) -> None:
@@ -181,7 +211,7 @@ def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = Fal
     output : path
         The file to write.
     kind : str
-        Its kind, as `guard.MAPS` and `guard.PICTURES` name them.
+        Its kind, as `guard.MAPS` and `guard.PICTURES` name them, or html.
     is_forced : bool
         Whether a file of another kind may be overwritten.
 
@@ -191,7 +221,7 @@ def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = Fal
     """
     if given.path.is_dir() and is_inside(output, given.path):
         raise InputError(f"{output}: lies in the run folder {given.path}; expected a place outside")
-    check_output(output, {**MAPS, **PICTURES}[kind], [given.path], is_forced=is_forced)
+    check_output(output, {**MAPS, **PICTURES, "html": PAGE}[kind], [given.path], is_forced=is_forced)
 
 
 def name_beside(source: PathLike, what: str, suffix: str) -> Path:
@@ -234,3 +264,43 @@ def count_of(given: Given) -> dict[str, Any]:
     """
     complex_ = given.complex_
     return {"vertices": complex_.n, "edges": len(complex_.edges), "faces": len(complex_.faces)}
+
+
+def draw_use(
+    given: Given, plot: Path | None, report: Path | None, title: str, numbers: Sequence[tuple[str, Any]],
+    *, after: Given | None = None, labels: NDArray[np.int32] | None = None,
+) -> None:  # fmt: skip
+    """Draw what was made of a map: as a picture, as a page with the map to turn, or both.
+
+    Parameters
+    ----------
+    given : Given
+        What it was made of.
+    plot, report : path, optional
+        The PNG and the HTML file.
+    title : str
+        Of the page.
+    numbers : sequence of (name, value)
+        For the page.
+    after : Given, optional
+        The denoised map.
+    labels : (F,) int32, optional
+        The regions.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    from ..view.uses import write_denoised_picture, write_regions_picture, write_use_page
+
+    before, shown = given.as_map(), (after or given).as_map()
+    assert before is not None and shown is not None  # the caller has seen to that
+    with tempfile.TemporaryDirectory() as folder:
+        picture = plot or Path(folder) / "picture.png"
+        if labels is not None:
+            write_regions_picture(shown, labels, picture)
+        else:
+            write_denoised_picture(before, shown, picture)
+        if report:
+            write_use_page(shown, title, numbers, [picture], report, labels=labels)

@@ -55,6 +55,9 @@ PICTURES = {
 }
 
 
+PAGE = Kind("HTML", (".html",), rb"<!DOCTYPE html>")
+
+
 def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced: bool = False) -> None:
     """Raise unless a file may be written: it is no input, no file of a run, and new, empty, or one of its kind.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..apps.quality import Quality, compare_quality
 from ..errors import InputError
 from .given import Given
@@ -28,3 +30,19 @@ def compare_given(reference: Given, distorted: Given) -> Quality:
         return compare_quality(*((each.xyz, each.complex_, each.signals) for each in (reference, distorted)))
     except InputError as error:
         raise InputError(f"{reference.path} and {distorted.path}: {error}") from error
+
+
+def describe_quality(found: Quality) -> dict[str, Any]:
+    """Make what JSON can hold of a comparison.
+
+    Parameters
+    ----------
+    found : Quality
+        The comparison.
+
+    Returns
+    -------
+    dict
+        ``score`` and ``parts``.
+    """
+    return {"score": float(found.score), "parts": {name: float(value) for name, value in found.parts.items()}}

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from ..topological_map import TopologicalMap
-from ..types import BoolArray
+from ..types import BoolArray, FloatArray
 from ._frame import CLIP_MARGIN, Shown, limits
 from ._map import luminance
 from ._scene import GREYS, HOVER, Mesh, Trace, bare, colour_bar, figure_of, geometry, upright
@@ -29,8 +29,11 @@ class MapScene(NamedTuple):
     hidden: int
 
 
-def map_scene(map_: TopologicalMap) -> MapScene | None:
-    """Build the scene of a map; None if it has no face to show."""
+def map_scene(map_: TopologicalMap, regions: FloatArray | None = None) -> MapScene | None:
+    """Build the scene of a map; None if it has no face to show.
+
+    With colours of its faces, (F, 3) in [0, 1], the scene begins with these, and luminance is a button.
+    """
     keep = _in_reach(map_)
     is_kept = np.asarray(keep[map_.surface.faces].all(axis=1), np.bool_)
     if not is_kept.any():
@@ -39,6 +42,11 @@ def map_scene(map_: TopologicalMap) -> MapScene | None:
     span = limits(shown.values[shown.ok & is_kept])
     is_ceiling = is_overhead(map_) & is_kept
     hidden = int((~keep).sum())
+    if regions is not None:
+        painted = [_painted(map_, is_kept, regions), *_path(map_)]
+        traces = [*painted, *_surface(map_, is_kept, shown, span), *_path(map_)]
+        buttons = [("Regions", 0, len(painted)), ("Luminance", len(painted), len(traces) - len(painted))]
+        return MapScene(figure_of(traces, len(painted), EYE), buttons, hidden)
     if is_ceiling.sum() <= CEILING_SHARE * is_kept.sum() or is_ceiling.sum() == is_kept.sum():
         traces = [*_surface(map_, is_kept, shown, span), *_path(map_)]
         return MapScene(figure_of(traces, len(traces), EYE), [], hidden)
@@ -75,6 +83,14 @@ def _surface(map_: TopologicalMap, which: BoolArray, shown: Shown, span: tuple[f
         mesh = _mesh(map_, unseen)
         traces.append(bare(mesh, mesh.faces))
     return traces
+
+
+def _painted(map_: TopologicalMap, which: BoolArray, rgb: FloatArray) -> Trace:
+    """Faces in given colours."""
+    rows = np.flatnonzero(which)
+    mesh = _mesh(map_, rows)
+    colours = [f"rgb({r},{g},{b})" for r, g, b in np.rint(255 * rgb[rows]).astype(int).tolist()]
+    return go.Mesh3d(**geometry(mesh, mesh.faces), facecolor=colours, hoverinfo="skip")
 
 
 def _mesh(map_: TopologicalMap, rows: NDArray[np.int64]) -> Mesh:

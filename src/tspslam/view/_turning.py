@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..frame import Frame
 from ..topological_map import TopologicalMap
+from ..types import FloatArray
 from ._html import scene, text
 
 
@@ -24,14 +25,14 @@ def frame_to_turn(frame: Frame) -> str:
     return f'<section class="scene"><h2>The {what} in space</h2>{plot}</section>'
 
 
-def map_to_turn(map_: TopologicalMap) -> str:
-    """Make the interactive scene of a map, or say why there is none."""
+def map_to_turn(map_: TopologicalMap, regions: FloatArray | None = None) -> str:
+    """Make the interactive scene of a map, its faces first in colours if any are given; or say why there is none."""
     from ._map_scene import MOST_FACES, map_scene
 
     if len(map_.surface.faces) > MOST_FACES:
         words = f"{len(map_.surface.faces)} faces are more than a page shows well; map.vtu holds all of them."
         return f'<p class="quiet">{text(words)}</p>'
-    made = map_scene(map_)
+    made = map_scene(map_, regions)
     if made is None:
         return '<p class="quiet">This map has no face to show.</p>'
     note = (

@@ -6,26 +6,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from .._atomic import make_folder, write_bytes
 from ..topological_map import TopologicalMap
-from ..types import FloatArray
+from . import _map_faces as faces
 from . import _map_page as page
 from . import _style as style
-from ._frame import Shown, is_colour, limits
-from ._map import check_map, deviation, luminance, magnitude, rgb_of, tangents
-from ._viewpoints import Outlook, from_above, from_path, is_overhead, normals
+from ._frame import limits
+from ._map import check_map, deviation, magnitude, tangents
+from ._viewpoints import from_above, from_path
 
 MAGNITUDE_MAP, DEVIATION_MAP = "inferno", "magma"
 DIMMEST = 0.3  # brightness of the least magnitude: its hue can still be told
-SIDE_LIGHT = 0.3  # share of a face's brightness that depends on how it stands
-LIGHT = np.array([-0.45, -0.75, -0.48])  # as in the views of a frame: from above left, behind the viewer
 BRIGHTEST = 95.0  # percentile of the deviations that is shown brightest: what moves is a small share
-LEAST_PIXELS = 12  # of the buffer: a face that takes fewer is not counted as shown
-Pair = tuple[Outlook, Outlook]  # from above, and from the path
 
 
 def write_map_pictures(map_: TopologicalMap, folder: str | Path) -> list[Path]:
@@ -67,7 +62,7 @@ def write_map_pictures(map_: TopologicalMap, folder: str | Path) -> list[Path]:
     """
     check_map(map_)
     views = from_above(map_), from_path(map_)
-    pictures: dict[str, Callable[[TopologicalMap, Pair], Figure]] = {
+    pictures: dict[str, Callable[[TopologicalMap, faces.Pair], Figure]] = {
         "map_path": path_picture,
         "map_above": above_picture,
         "map_response": response_picture,
@@ -81,7 +76,7 @@ def write_map_pictures(map_: TopologicalMap, folder: str | Path) -> list[Path]:
     return paths
 
 
-def path_picture(map_: TopologicalMap, views: Pair) -> Figure:
+def path_picture(map_: TopologicalMap, views: faces.Pair) -> Figure:
     """Draw the surface from the middle of the path: luminance, and below it the magnitude of the response.
 
     Parameters
@@ -102,15 +97,15 @@ def path_picture(map_: TopologicalMap, views: Pair) -> Figure:
         "large where luminance changes."
     )
     figure, (top, bottom) = page.double_page(map_, outlook, "The map from its path", caption)
-    _show_luminance(figure, top, map_, outlook)
+    faces.show_luminance(figure, top, map_, outlook)
     norm = Normalize(*limits(strength.values[strength.ok]))
     page.show_faces(bottom, outlook, style.colours(strength.values, norm, MAGNITUDE_MAP), strength.ok)
-    page.draw_legend(bottom, outlook, [], _pale(outlook, strength, "no response"))
-    style.colour_bar(figure, bottom, norm, MAGNITUDE_MAP, "log₁₀ |r|", extend=_ends(strength, norm))
+    page.draw_legend(bottom, outlook, [], faces.tint_words(outlook, strength, "no response"))
+    style.colour_bar(figure, bottom, norm, MAGNITUDE_MAP, "log₁₀ |r|", extend=faces.ends(strength, norm))
     return figure
 
 
-def above_picture(map_: TopologicalMap, views: Pair) -> Figure:
+def above_picture(map_: TopologicalMap, views: faces.Pair) -> Figure:
     """Draw the surface from above in its luminance, with the camera's path, its keyframes and a scale.
 
     Parameters, returns: as `path_picture`.
@@ -119,98 +114,48 @@ def above_picture(map_: TopologicalMap, views: Pair) -> Figure:
     caption = (
         f"One surface of {len(map_.surface.faces)} faces over {len(map_)} landmarks; grey: mean luminance over views."
     )
-    figure, axes = page.map_page(map_, outlook, "The map from above", caption + _left_out(map_))
-    _show_luminance(figure, axes, map_, outlook)
+    figure, axes = page.map_page(map_, outlook, "The map from above", caption + faces.left_out(map_))
+    faces.show_luminance(figure, axes, map_, outlook)
     return figure
 
 
-def response_picture(map_: TopologicalMap, views: Pair) -> Figure:
+def response_picture(map_: TopologicalMap, views: faces.Pair) -> Figure:
     """Draw the response where it shows most: direction as hue, magnitude as brightness.
 
     Parameters, returns: as `path_picture`.
     """
     strength = magnitude(map_)
-    outlook = _fuller(map_, views, strength)
+    outlook = faces.fuller(map_, views, strength)
     angle, length = tangents(map_, outlook)
     norm = Normalize(*limits(strength.values[strength.ok]))
     brightness = DIMMEST + (1 - DIMMEST) * np.clip(np.asarray(norm(strength.values)), 0, 1)
     rgb = page.direction_colours(angle, length, brightness)
     caption = (
-        f"{_whence(outlook)}: the harmonic response of order {map_.response.order} at {int(map_.defined.sum())} of "
-        f"{len(map_)} landmarks. Hue: the direction along the surface in which luminance grows, as it lies on this "
-        "picture; grey: across it. Brightness: magnitude |r|, logarithmic."
+        f"{faces.whence(outlook)}: the harmonic response of order {map_.response.order} at "
+        f"{int(map_.defined.sum())} of {len(map_)} landmarks. Hue: the direction along the surface in which "
+        "luminance grows, as it lies on this picture; grey: across it. Brightness: magnitude |r|, logarithmic."
     )
-    figure, axes = page.map_page(map_, outlook, "Response of the map", caption + _left_out(map_, outlook))
+    figure, axes = page.map_page(map_, outlook, "Response of the map", caption + faces.left_out(map_, outlook))
     page.show_faces(axes, outlook, rgb, strength.ok)
-    _explain(map_, axes, outlook, _pale(outlook, strength, "no response"))
+    faces.explain(map_, axes, outlook, faces.tint_words(outlook, strength, "no response"))
     page.direction_wheel(figure, axes, norm, DIMMEST)
     return figure
 
 
-def variance_picture(map_: TopologicalMap, views: Pair) -> Figure:
+def variance_picture(map_: TopologicalMap, views: faces.Pair) -> Figure:
     """Draw how much the luminance of each face differs between the keyframes that see it.
 
     Parameters, returns: as `path_picture`.
     """
     shown = deviation(map_)
-    outlook = _fuller(map_, views, shown)
+    outlook = faces.fuller(map_, views, shown)
     norm = Normalize(0.0, max(limits(shown.values[shown.ok], high=BRIGHTEST)[1], 1e-3))
     caption = (
-        f"{_whence(outlook)}: standard deviation of the luminance of each face over the keyframes that see it, after "
-        "their exposures are made equal. Bright: what shines, moves or is mismatched."
+        f"{faces.whence(outlook)}: standard deviation of the luminance of each face over the keyframes that see it, "
+        "after their exposures are made equal. Bright: what shines, moves or is mismatched."
     )
-    figure, axes = page.map_page(map_, outlook, "Difference between views", caption + _left_out(map_, outlook))
+    figure, axes = page.map_page(map_, outlook, "Difference between views", caption + faces.left_out(map_, outlook))
     page.show_faces(axes, outlook, style.colours(shown.values, norm, DEVIATION_MAP), shown.ok)
-    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by fewer than two keyframes"))
-    style.colour_bar(figure, axes, norm, DEVIATION_MAP, "deviation of luminance", extend=_ends(shown, norm))
+    faces.explain(map_, axes, outlook, faces.tint_words(outlook, shown, "seen by fewer than two keyframes"))
+    style.colour_bar(figure, axes, norm, DEVIATION_MAP, "deviation of luminance", extend=faces.ends(shown, norm))
     return figure
-
-
-def _show_luminance(figure: Figure, axes: Axes, map_: TopologicalMap, outlook: Outlook) -> None:
-    """Faces in their luminance, with the path and all that explains them."""
-    shown = luminance(map_)
-    norm = Normalize(*limits(shown.values[shown.ok]))
-    rgb = rgb_of(map_) if is_colour(map_.signals.face) else style.colours(shown.values, norm, "gray")
-    page.show_faces(axes, outlook, rgb * _light(map_)[:, None], shown.ok)
-    _explain(map_, axes, outlook, _pale(outlook, shown, "seen by no keyframe, or too slanted"), with_path=True)
-    style.colour_bar(figure, axes, norm, "gray", "luminance", extend=_ends(shown, norm))
-
-
-def _explain(map_: TopologicalMap, axes: Axes, outlook: Outlook, pale: str, *, with_path: bool = False) -> None:
-    """Legend, and from above the path and a scale."""
-    path = page.draw_path(axes, map_, outlook) if outlook.is_above or with_path else []
-    taken = page.draw_legend(axes, outlook, path, pale)
-    if outlook.is_above:
-        page.draw_scale(axes, outlook, taken)
-
-
-def _fuller(map_: TopologicalMap, views: Pair, shown: Shown) -> Outlook:
-    """The picture that shows more faces with a value; of equal ones that from above."""
-    return max(views, key=lambda view: int((view.pixels[shown.ok] >= LEAST_PIXELS).sum()))
-
-
-def _light(map_: TopologicalMap) -> FloatArray:
-    """Brightness of the faces, (F,) in [0.7, 1], by how they stand."""
-    towards = np.abs(normals(map_) @ (LIGHT / np.linalg.norm(LIGHT)))
-    return np.asarray(1 - SIDE_LIGHT + SIDE_LIGHT * towards)
-
-
-def _pale(outlook: Outlook, shown: Shown, why: str) -> str:
-    """Words for the pale tint, if the picture has any."""
-    bare = (outlook.pixels > 0) & ~shown.ok
-    return why if bare.any() else ""
-
-
-def _left_out(map_: TopologicalMap, outlook: Outlook | None = None) -> str:
-    count = 0 if outlook is not None and not outlook.is_above else int(is_overhead(map_).sum())
-    return f" Left out: {count} faces that look down, such as a ceiling's." if count else ""
-
-
-def _whence(outlook: Outlook) -> str:
-    return "From above" if outlook.is_above else "From the middle of the path"
-
-
-def _ends(shown: Shown, norm: Normalize) -> str:
-    if not shown.ok.any():
-        return "neither"
-    return style.extends(shown.values[shown.ok], float(norm.vmin or 0), float(norm.vmax or 0))

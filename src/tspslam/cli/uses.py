@@ -1,0 +1,181 @@
+"""What a map is good for: ``tspslam denoise``, ``segment``, ``quality`` and ``recognise``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..printing import note, say
+from ._shared import BitsOption, ForceOption, JsonOption, app, check_suffix
+
+if TYPE_CHECKING:
+    from ..run.given import Given
+
+SourceArgument = Annotated[Path, typer.Argument(help="Run folder, map or frame (.npz), or mesh (.vtu, .ply, .obj).")]
+FrameOption = Annotated[int | None, typer.Option(min=0, help="Index of a keyframe of the run [default: the map].")]
+ImageOption = Annotated[Path | None, typer.Option(help="Photo for a mesh in the camera's frame, m.")]
+CalibOption = Annotated[Path | None, typer.Option(help="Calibration file of that photo.")]
+OutputOption = Annotated[Path | None, typer.Option(help="File: .vtu, .ply or .npz [default: SOURCE-USE.vtu here].")]
+PlotOption = Annotated[Path | None, typer.Option(help="PNG picture as well.")]
+ReportOption = Annotated[Path | None, typer.Option(help="HTML page as well, with the map to turn.")]
+_MESHES = ["vtu", "ply"]
+
+
+@app.command("denoise")
+def denoise_command(
+    source: SourceArgument,
+    image: ImageOption = None,
+    calib: CalibOption = None,
+    bits: BitsOption = None,
+    frame: FrameOption = None,
+    only: Annotated[str | None, typer.Option(help="places, or signals [default: both].")] = None,
+    output: OutputOption = None,
+    plot: PlotOption = None,
+    report: ReportOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Take noise out of the places and the signals of a map, a frame or a mesh; no parameter is asked for."""
+    from ..run.denoise import denoise, describe_change, name_of_result
+    from ..run.given import count_of, write_given
+
+    if only not in (None, "places", "signals"):
+        raise typer.BadParameter(f"{only!r}, expected places or signals", param_hint="--only")
+    target = output or name_of_result(source)
+    check_suffix(target, [*_MESHES, "npz"], "--output")
+    given = _open(source, image, calib, bits, frame, plot, report)
+    _check(given, target, plot, report, force)
+    after = denoise(given, places=only != "signals", signals=only != "places")
+    change = describe_change(given, after)
+    write_given(after, target, is_forced=force)
+    numbers = [*count_of(given).items(), ("median move, m", change["moved_m"].get("median"))]
+    numbers += [(f"change of {level} signals, rms", value) for level, value in change["changed"].items()]
+    _draw(given, plot, report, f"Denoised: {source.name}", numbers, after=after)
+    _tell(count_of(given) | change, target, plot, report, as_json)
+
+
+@app.command("segment")
+def segment_command(
+    source: SourceArgument,
+    image: ImageOption = None,
+    calib: CalibOption = None,
+    bits: BitsOption = None,
+    frame: FrameOption = None,
+    scale: Annotated[float, typer.Option(help="Larger: fewer regions.")] = 1.0,
+    output: Annotated[
+        Path | None, typer.Option(help="File: .vtu or .ply [default: SOURCE-segmented.vtu here].")
+    ] = None,
+    plot: PlotOption = None,
+    report: ReportOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the regions of a map, a frame or a mesh by luminance, texture and shape; each face gets a label."""
+    import numpy as np
+
+    from ..run.given import count_of, name_beside, write_given
+    from ..run.segment import columns_of, find_regions
+
+    target = output or name_beside(source, "segmented", ".vtu")
+    check_suffix(target, _MESHES, "--output")
+    given = _open(source, image, calib, bits, frame, plot, report)
+    _check(given, target, plot, report, force)
+    labels = find_regions(given, scale)
+    write_given(given, target, face=columns_of(labels, target), is_forced=force)
+    sizes = np.bincount(labels)
+    counts = count_of(given) | {"regions": len(sizes), "largest_faces": int(sizes.max()), "scale": scale}
+    _draw(given, plot, report, f"Regions: {source.name}", list(counts.items()), labels=labels)
+    _tell(counts, target, plot, report, as_json)
+
+
+@app.command("quality")
+def quality_command(
+    reference: Annotated[Path, typer.Argument(help="The original: run folder, .npz, .vtu or .ply with luminance.")],
+    distorted: Annotated[Path, typer.Argument(help="What was made of it.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Score a distorted textured complex against its original, by places, signals and responses of all orders."""
+    from ..run.given import open_given
+    from ..run.quality import compare_given, describe_quality
+
+    found = compare_given(open_given(reference), open_given(distorted))
+    if as_json:
+        say(json.dumps(describe_quality(found)))
+        return
+    width = max(map(len, (*found.parts, "score")))
+    say(f"{'score':<{width}}  {found.score:.6g}", *(f"{name:<{width}}  {v:.6g}" for name, v in found.parts.items()))
+
+
+@app.command("recognise")
+def recognise_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    other: Annotated[Path | None, typer.Argument(help="Another run; default: the same, later and earlier.")] = None,
+    apart: Annotated[int, typer.Option(min=1, help="Least frames between two keyframes of one run.")] = 30,
+    most: Annotated[int, typer.Option(min=1, help="Pairs that are told, best first.")] = 20,
+    as_json: JsonOption = False,
+) -> None:
+    """Find pairs of keyframes that show the same place, by the responses of their complexes."""
+    from ..run.recognise import find_pairs
+
+    pairs = find_pairs(run, other, apart=apart, most=most)
+    if as_json:
+        say(json.dumps([pair._asdict() for pair in pairs]))
+        return
+    say(*(f"{pair.frame:>8} {pair.other:>8}  {pair.score:.3f}" for pair in pairs))
+    if not pairs:
+        note(f"no two keyframes are {apart} frames or more apart and alike at all")
+
+
+def _open(
+    source: Path, image: Path | None, calib: Path | None, bits: int | None, frame: int | None,
+    plot: Path | None, report: Path | None,
+) -> Given:  # fmt: skip
+    """Read the source, after the options have been found to go together."""
+    from ..run.given import open_given
+
+    if bits is not None and image is None:
+        raise typer.BadParameter("goes with --image", param_hint="--bits")
+    if (image is None) != (calib is None):
+        raise typer.BadParameter("goes with --calib" if calib is None else "goes with --image", param_hint="--image")
+    for path, suffix, option in ((plot, "png", "--plot"), (report, "html", "--report")):
+        if path:
+            check_suffix(path, [suffix], option)
+    given = open_given(source, image, calib, frame=frame, bits=bits)
+    if (plot or report) and given.as_map() is None:
+        which = "--plot" if plot else "--report"
+        raise typer.BadParameter("goes with a run, a map or a frame, or a mesh with --image", param_hint=which)
+    return given
+
+
+def _check(given: Given, target: Path, plot: Path | None, report: Path | None, is_forced: bool) -> None:
+    """Refuse places that cannot be written to, before the work."""
+    from ..run.given import check_result, kind_of
+
+    check_result(given, target, kind_of(given, target), is_forced=is_forced)
+    for path, kind in ((plot, "png"), (report, "html")):
+        if path:
+            check_result(given, path, kind, is_forced=is_forced)
+
+
+def _draw(
+    given: Given, plot: Path | None, report: Path | None, title: str, numbers: list[tuple[str, Any]], **made: Any
+) -> None:
+    """Draw what was made of a map, if that is asked for."""
+    from ..run.given import draw_use
+
+    if plot or report:
+        draw_use(given, plot, report, title, numbers, **made)
+
+
+def _tell(found: dict[str, Any], target: Path, plot: Path | None, report: Path | None, as_json: bool) -> None:
+    written = [str(path) for path in (target, plot, report) if path]
+    if as_json:
+        say(json.dumps({"written": written} | found))
+        return
+    flat = {f"{k} {inner}": v for k, value in found.items() if isinstance(value, dict) for inner, v in value.items()}
+    plain = {k: v for k, v in found.items() if not isinstance(v, dict)}
+    words = ", ".join(f"{k} {v:.6g}" if isinstance(v, float) else f"{v} {k}" for k, v in (plain | flat).items())
+    say(*(f"wrote {each}" for each in written), words.replace("_", " "))
