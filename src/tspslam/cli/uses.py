@@ -18,7 +18,12 @@ SourceArgument = Annotated[Path, typer.Argument(help="Run folder, map or frame (
 FrameOption = Annotated[int | None, typer.Option(min=0, help="Index of a keyframe of the run [default: the map].")]
 ImageOption = Annotated[Path | None, typer.Option(help="Photo for a mesh in the camera's frame, m.")]
 CalibOption = Annotated[Path | None, typer.Option(help="Calibration file of that photo.")]
-OutputOption = Annotated[Path | None, typer.Option(help="File: .vtu, .ply or .npz [default: SOURCE-USE.vtu here].")]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", help="File: .vtu, .ply or .npz [default: SOURCE-USE.vtu here].")
+]
+RegionsOption = Annotated[
+    Path | None, typer.Option("--output", help="File: .vtu or .ply [default: SOURCE-segmented.vtu here].")
+]
 PlotOption = Annotated[Path | None, typer.Option(help="PNG picture as well.")]
 ReportOption = Annotated[Path | None, typer.Option(help="HTML page as well, with the map to turn.")]
 _MESHES = ["vtu", "ply"]

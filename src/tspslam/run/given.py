@@ -295,7 +295,8 @@ def draw_use(
     from ..view.uses import write_denoised_picture, write_regions_picture, write_use_page
 
     before, shown = given.as_map(), (after or given).as_map()
-    assert before is not None and shown is not None  # the caller has seen to that
+    if before is None or shown is None:
+        raise bad_input(given.path, "is a mesh without a camera", "a run, a map or a frame to draw")
     with tempfile.TemporaryDirectory() as folder:
         picture = plot or Path(folder) / "picture.png"
         if labels is not None:
