@@ -18,6 +18,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from . import apps as apps
     from . import datasets as datasets
     from . import errors as errors
     from . import frame as frame
@@ -32,6 +33,16 @@ if TYPE_CHECKING:
     from . import view as view
     from . import vision as vision
     from ._threads import set_threads as set_threads
+    from .apps.cloud import denoise_cloud as denoise_cloud
+    from .apps.mesh import denoise_mesh as denoise_mesh
+    from .apps.quality import compare_features as compare_features
+    from .apps.quality import compare_quality as compare_quality
+    from .apps.quality import quality_features as quality_features
+    from .apps.recognise import compare_descriptors as compare_descriptors
+    from .apps.recognise import describe as describe
+    from .apps.recognise import find_places as find_places
+    from .apps.segment import segment as segment
+    from .apps.signals import denoise_signals as denoise_signals
     from .datasets.folder import read_pair as read_pair
     from .errors import GeometryError as GeometryError
     from .errors import InputError as InputError
@@ -141,6 +152,12 @@ _HOMES = {
         "Surface",
         "Trajectory",
     ),
+    "apps.cloud": ("denoise_cloud",),
+    "apps.mesh": ("denoise_mesh",),
+    "apps.quality": ("compare_features", "compare_quality", "quality_features"),
+    "apps.recognise": ("compare_descriptors", "describe", "find_places"),
+    "apps.segment": ("segment",),
+    "apps.signals": ("denoise_signals",),
     "datasets.folder": ("read_pair",),
     "frame": ("Frame",),
     "io.runs": ("StoredRun", "load_run"),
@@ -192,6 +209,7 @@ _HOMES = {
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "interop", "io", "view")
 _FILES = (  # of common names: not for *
+    "apps",
     "errors",
     "frame",
     "mapping",
