@@ -1,7 +1,7 @@
 """Quality: does a score follow the level of eight distortions, each alone and all of them together?
 
-Levels, written before the first score was: seven amounts of each distortion in equal steps of the logarithm of its natural
-unit, from one that is hardly seen to one that is gross. `LEVELS` holds both ends. Each level draws its own noise.
+Levels, written before the first score was: seven amounts of each distortion in equal steps of the logarithm of its
+natural unit, from one that is hardly seen to one that is gross. `LEVELS` holds both ends. Each level draws its noise.
 """
 
 from __future__ import annotations
