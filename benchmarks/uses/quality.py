@@ -1,167 +1,163 @@
 """Quality: does a score follow the level of eight distortions, each alone and all of them together?
 
-Levels, written before the first score was: seven amounts of each distortion in equal steps of the logarithm of its
-natural unit, from one that is hardly seen to one that is gross. `LEVELS` holds both ends. Each level draws its noise.
+``python -m benchmarks.uses.quality [--development] [--docs docs]``
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+from scipy.stats import rankdata
 
-import tspslam
-from tspslam.datasets import synthetic
-from tspslam.topology.complex import Complex
-from tspslam.topology.texture import luminance
-from tspslam.types import Cloud, Rig, Signals
+from tspslam.apps.quality import Quality, compare_features, compare_quality, quality_features
 
-STEPS = 7
-LEVELS = {
-    "position noise": (0.01, 0.64),  # standard deviation on each axis, in mean lengths of the edges at the vertex
-    "quantisation": (0.035, 2.2),  # step of the grid, in median edge lengths: the same errors as the noise (step / √12)
-    "decimation": (0.9, 0.05),  # share of the vertices that stays
-    "blur": (0.5, 8.0),  # standard deviation of the normal kernel, px
-    "JPEG": (20, 1000),  # scale of the quantisation tables, %: qualities 90 to 5 of the libjpeg scale
-    "texture noise": (0.01, 0.32),  # standard deviation, luminance in [0, 1]; clipped
-    "misregistration": (0.5, 16.0),  # shift of the image against the points, px, at 30° to its rows
-    "exposure": (0.06, 2.0),  # stops darker
+from .. import mapping
+from . import quality_data as data
+from . import quality_rivals as rivals
+from .quality_data import Item, Side
+
+Scores = dict[str, NDArray[np.float64]]  # of each method on one item: (kinds, levels)
+
+OURS, PLAIN, ALONE, ON_VERTICES, REDUCED = (
+    "ours", "positions and signals alone", "responses alone", "ours, vertices only", "ours, 240 features",
+)  # fmt: skip
+RIVALS: dict[str, Callable[[Item, Item], float]] = {
+    "luminance, PSNR": rivals.psnr,
+    "point to plane": rivals.point_to_plane,
+    "rendered views, SSIM": rivals.rendered_ssim,
+    "features as in PCQM": rivals.features,
 }
-POSITIONS = ("position noise", "quantisation")
 
 
-class Side(NamedTuple):
-    """What is compared."""
-
-    xyz: NDArray[np.float64]
-    complex_: Complex
-    signals: Signals
-
-
-@dataclass(frozen=True)
-class Item:
-    """A textured complex and the image that it got its texture from, luminance in [0, 1]."""
-
-    name: str
-    image: NDArray[np.float64]
-    rig: Rig
-    xyz: NDArray[np.float64]
-    uv: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    seed: int
-
-    @property
-    def side(self) -> Side:
-        complex_ = tspslam.build_complex(self.faces, len(self.xyz))
-        return Side(self.xyz, complex_, tspslam.sample_signals(self.image, self.uv, complex_))
+def scores_of(item: Item) -> Scores:
+    reference = item.side
+    known, bare = quality_features(*reference), on_vertices(reference)
+    found: Scores = {}
+    for row, kind in enumerate(data.LEVELS):
+        for level in range(data.STEPS):
+            other = data.distorted(item, kind, level)
+            side = other.side
+            whole = compare_quality(reference, side)
+            one = {OURS: whole.score, PLAIN: pooled(whole, "response", False), ALONE: pooled(whole, "response", True)}
+            one[ON_VERTICES] = compare_quality(bare, on_vertices(side)).score
+            one[REDUCED] = compare_features(known, quality_features(*side)).score
+            one |= {name: rival(item, other) for name, rival in RIVALS.items()}
+            for name, score in one.items():
+                found.setdefault(name, np.zeros((len(data.LEVELS), data.STEPS)))[row, level] = score
+    return found
 
 
-def amounts(kind: str) -> NDArray[np.float64]:
-    return np.geomspace(*LEVELS[kind], STEPS)
+def pooled(quality: Quality, word: str, has: bool) -> float:
+    """The score of those parts alone whose name begins with a word, or of the others."""
+    return float(np.sqrt(np.mean([part**2 for name, part in quality.parts.items() if name.startswith(word) == has])))
 
 
-def distorted(item: Item, kind: str, level: int) -> Item:
-    """The item at one level of a distortion, 0 to 6."""
-    amount = float(amounts(kind)[level])
-    rng = np.random.default_rng([item.seed, list(LEVELS).index(kind), level])
-    if kind == "position noise":
-        return replace(item, xyz=item.xyz + amount * edge_at(item)[:, None] * rng.normal(size=item.xyz.shape))
-    if kind == "quantisation":
-        step = amount * float(np.median(edge_lengths(item)[1]))
-        return replace(item, xyz=np.round(item.xyz / step) * step)
-    if kind == "decimation":
-        return decimated(item, amount, rng)
-    return replace(item, image=np.clip(spoiled(item.image, kind, amount, rng), 0, 1))
+def on_vertices(side: Side) -> Side:
+    """The side without what stands on edges and faces: none of our constants is there to be chosen again for it."""
+    s = side.signals
+    return side._replace(
+        signals=replace(
+            s, edge=0 * s.edge, face=0 * s.face, edge_ok=np.zeros_like(s.edge_ok), face_ok=np.zeros_like(s.face_ok)
+        )
+    )
 
 
-def spoiled(image: NDArray[np.float64], kind: str, amount: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    if kind == "blur":
-        return cv2.GaussianBlur(image, (0, 0), amount, borderType=cv2.BORDER_REPLICATE)
-    if kind == "JPEG":
-        quality = round(5000 / amount if amount >= 100 else 100 - amount / 2)
-        _, code = cv2.imencode(".jpg", np.round(255 * image).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])
-        return cv2.imdecode(code, cv2.IMREAD_GRAYSCALE) / 255
-    if kind == "texture noise":
-        return image + amount * rng.normal(size=image.shape)
-    if kind == "misregistration":
-        move = np.array([[1, 0, amount * np.cos(np.pi / 6)], [0, 1, amount * np.sin(np.pi / 6)]])
-        return cv2.warpAffine(image, move, image.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return image * 2.0**-amount
+def rank_correlation(scores: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
+    """Spearman's; 0 where all scores are the same."""
+    a, b = rankdata(scores), rankdata(levels)
+    return 0.0 if np.ptp(a) == 0 else float(np.corrcoef(a, b)[0, 1])
 
 
-def decimated(item: Item, share: float, rng: np.random.Generator) -> Item:
-    """Some vertices stay; each other one becomes the nearest of them along the edges, and faces that collapse go."""
-    edges, lengths = edge_lengths(item)
-    n = len(item.xyz)
-    stays = np.zeros(n, bool)
-    stays[rng.permutation(n)[: max(round(share * n), 4)]] = True
-    graph = csr_array(coo_array((np.tile(np.maximum(lengths, 1e-12), 2), np.hstack([edges.T, edges.T[::-1]])), (n, n)))
-    _, _, nearest = dijkstra(graph, indices=np.flatnonzero(stays), min_only=True, return_predecessors=True)
-    nearest = np.where(nearest < 0, np.arange(n), nearest)
-    number = np.cumsum(stays) - 1
-    faces = number[nearest[item.faces]]
-    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1) & stays[nearest[item.faces]].all(axis=1)
-    return replace(item, xyz=item.xyz[stays], uv=item.uv[stays], faces=faces[whole].astype(np.int32))
+def figures(several: dict[str, Scores], method: str) -> dict[str, float]:
+    """Measures of one method over the items."""
+    level = np.arange(data.STEPS)
+    by_kind = np.array([[rank_correlation(row, level) for row in scores[method]] for scores in several.values()])
+    across = [rank_correlation(s[method].ravel(), np.tile(level, len(data.LEVELS))) for s in several.values()]
+    rising = np.mean([(np.diff(row) > 0).all() for scores in several.values() for row in scores[method]])
+    return {
+        **dict(zip(data.LEVELS, by_kind.min(axis=0), strict=True)),
+        "worst": by_kind.min(),
+        "mean": by_kind.mean(),
+        "monotone": rising,
+        "across": float(np.mean(across)),
+        "across, worst": min(across),
+    }
 
 
-def edge_lengths(item: Item) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    edges = tspslam.build_complex(item.faces, len(item.xyz)).edges
-    return edges, np.linalg.norm(item.xyz[edges[:, 0]] - item.xyz[edges[:, 1]], axis=1)
+def tables(several: dict[str, Scores]) -> str:
+    methods = list(next(iter(several.values())))
+    found = {method: figures(several, method) for method in methods}
+    kinds = ["", *data.LEVELS]
+    first = [[method, *(f"{found[method][kind]:.2f}" for kind in data.LEVELS)] for method in methods]
+    head = ["", "worst", "mean", "monotone, %", "across kinds, mean", "across kinds, worst item"]
+    keys = ("worst", "mean", "monotone", "across", "across, worst")
+    second = [[method, *cells([found[method][key] for key in keys])] for method in methods]
+    items = ["across kinds", *several]
+    third = [[method, *(f"{figures({name: several[name]}, method)['across']:.2f}" for name in several)]
+             for method in methods]  # fmt: skip
+    return "\n".join(mapping.list_table(*table) for table in ((head, second), (kinds, first), (items, third)))
 
 
-def edge_at(item: Item) -> NDArray[np.float64]:
-    """Mean length of the edges at each vertex, m."""
-    edges, lengths = edge_lengths(item)
-    n = len(item.xyz)
-    count = np.bincount(edges.ravel(), minlength=n)
-    return np.bincount(edges.ravel(), np.repeat(lengths, 2), n) / np.maximum(count, 1)
+def cells(values: list[float]) -> list[str]:
+    worst, mean, rising, *across = values
+    return [f"{worst:.2f}", f"{mean:.3f}", f"{100 * rising:.0f}", *(f"{value:.2f}" for value in across)]
 
 
-def development() -> list[Item]:
-    box = synthetic.box(1.2, 1.0, 0.8, texture=synthetic.Texture(seed=100)).at(0, 0, 3, turn=(0.5, 0.6, 0))
-    ball = synthetic.sphere(0.8, texture=synthetic.Texture(seed=101)).at(0, 0, 3)
-    return [from_view("box", box, 2000, 100), from_view("sphere", ball, 2000, 101), motorcycle(2000, 102)]
+def times() -> str:
+    """Milliseconds at 20 000 vertices, beside the search that comparing clouds point by point begins with."""
+    item = data.motorcycle(21_000, 100)
+    reference, moved, fewer = (
+        x.side for x in (item, *(data.distorted(item, k, 3) for k in ("position noise", "decimation")))
+    )
+    jobs = {
+        "same faces": lambda: compare_quality(reference, moved),
+        "other faces": lambda: compare_quality(reference, fewer),
+        "240 features": lambda: quality_features(*reference),
+        "k-d trees of both and nearest vertices": lambda: [
+            cKDTree(a).query(b) for a, b in ((reference.xyz, moved.xyz), (moved.xyz, reference.xyz))
+        ],
+    }
+    rows = [[name, f"{1000 * median_seconds(job):.0f}"] for name, job in jobs.items()]
+    return mapping.list_table([f"{len(item.xyz)} vertices, one core", "ms"], rows)
 
 
-def scored() -> list[Item]:
-    ring = synthetic.torus(1.0, 0.4, texture=synthetic.Texture(seed=0)).at(0, 0, 4, turn=(np.pi / 4, 0, 0))
-    worlds = (synthetic.room, synthetic.corridor, synthetic.street)
-    frames = [from_scene(make.__name__, make(seed=0), 40, 4000, 0) for make in worlds]
-    return [motorcycle(4000, 0), *frames, from_view("torus", ring, 4000, 0)]
+def median_seconds(job: Callable[[], object], rounds: int = 7) -> float:
+    job()
+    taken = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        job()
+        taken.append(time.perf_counter() - start)
+    return statistics.median(taken)
 
 
-def from_view(name: str, shape: synthetic.Shape, n: int, seed: int) -> Item:
-    """What the paper's left camera sees of a shape on a grey ground."""
-    return from_scene(name, synthetic.Scene((shape,), background=0.0, name=name), 0, n, seed)
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--development", action="store_true", help="the data that chose the method, instead")
+    parser.add_argument("--docs", type=Path, help="write the tables and pictures there")
+    given = parser.parse_args()
+    several = {}
+    for item in data.development() if given.development else data.scored():
+        start = time.perf_counter()
+        several[item.name] = scores_of(item)
+        print(f"{item.name}: {len(item.xyz)} vertices, {time.perf_counter() - start:.0f} s", flush=True)
+        print(np.round(several[item.name][OURS], 3), flush=True)
+    text = tables(several) + "\n" + times()
+    print(text)
+    if given.docs:
+        from .quality_pictures import draw
+
+        (given.docs / "uses_quality.inc").write_text(text, encoding="utf-8")
+        draw(given.docs / "images", several)
 
 
-def from_scene(name: str, scene: synthetic.Scene, frame: int, n: int, seed: int) -> Item:
-    sequence = synthetic.SyntheticSequence(scene)
-    pair, truth = sequence[frame], sequence.geometry(frame)
-    return from_depth(name, luminance(pair.left), sequence.rig, truth.depth, n, seed)
-
-
-def motorcycle(n: int, seed: int) -> Item:
-    pair = tspslam.datasets.motorcycle()
-    depth = pair.rig.fx * pair.rig.baseline / (tspslam.datasets.motorcycle_truth() + pair.rig.doffs)
-    return from_depth("motorcycle", luminance(pair.left), pair.rig, depth, n, seed)
-
-
-def from_depth(name: str, image: NDArray, rig: Rig, depth: NDArray, n: int, seed: int) -> Item:
-    """Random pixels of known depth, triangulated in the image and cut at steps; vertices without a face go."""
-    rows, columns = np.nonzero(np.isfinite(depth))
-    chosen = np.random.default_rng(seed).choice(len(rows), n, replace=False)
-    v, u = rows[chosen], columns[chosen]
-    z = depth[v, u]
-    uv = np.column_stack([u, v]).astype(np.float64)
-    xyz = np.column_stack([(u - rig.cx) * z / rig.fx, (v - rig.cy) * z / rig.fy, z])
-    faces = tspslam.delaunay_surface(Cloud(xyz, uv, rig.fx * max(rig.baseline, 0.1) / z)).faces
-    used = np.unique(faces)
-    number = np.zeros(n, np.int32)
-    number[used] = np.arange(len(used))
-    return Item(name, image, rig, xyz[used], uv[used], number[faces], seed)
+if __name__ == "__main__":
+    main()
