@@ -31,7 +31,19 @@ GROUND = {
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
     "cli": {"run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
-    "run": {"session", "settings", "apps", "frame", "topological_map", "mapping", "interop", "datasets", "io", "view", "vision"}
+    "run": {
+        "session",
+        "settings",
+        "apps",
+        "frame",
+        "topological_map",
+        "mapping",
+        "interop",
+        "datasets",
+        "io",
+        "view",
+        "vision",
+    }
     | {"topology"}
     | GROUND,
     "interop": {"datasets", "io", "frame", "vision", "topology"} | GROUND,
