@@ -9,7 +9,7 @@ OLDEST := .venv-oldest
 TESTS := -m pytest -n 2 --dist loadfile
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-latest test-oldest constraints check bench bench-slam bench-map paper docs clean
+.PHONY: demo test test-latest test-oldest constraints check bench bench-slam bench-map bench-uses paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
@@ -44,6 +44,9 @@ bench-slam: $(READY_DEV)  ## the camera path beside the true one; DATA=FOLDER fo
 bench-map: $(READY_DEV)  ## the map of a sequence beside the true surface; DATA=FOLDER for a recording of your own
 	$(BIN)/python -m benchmarks.mapping $(if $(DATA),'$(DATA)',--docs docs)
 	$(if $(DATA),,$(BIN)/python -m benchmarks.mapping_candidates --docs docs)
+
+bench-uses: $(READY_DEV)  ## denoising, segments, quality and recognition beside named baselines, by docs/uses_protocol.rst
+	for use in signals mesh cloud segment quality recognise; do $(BIN)/python -m benchmarks.uses.$$use --docs docs || exit 1; done
 
 bench: $(READY_DEV)  ## figures against named references, beside the committed baseline; fails where a ratio is too large
 	$(BIN)/python -m benchmarks

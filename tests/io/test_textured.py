@@ -63,7 +63,8 @@ def test_colours_of_a_ply_are_luminance(tmp_path):
 def test_a_mesh_without_luminance_has_no_signals_and_is_written_without(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n")
     bare = read_textured(tmp_path / "a.obj")
-    assert not (bare.signals.vertex_ok.any() or bare.signals.edge_ok.any() or bare.signals.face_ok.any())
+    marks = (bare.signals.vertex_ok, bare.signals.edge_ok, bare.signals.face_ok)
+    assert not any(ok.any() for ok in marks)
     write_map_ply(tmp_path / "a.ply", bare)
     write_map_vtu(tmp_path / "a.vtu", bare)
     assert b"luminance" not in (tmp_path / "a.ply").read_bytes() + (tmp_path / "a.vtu").read_bytes()
