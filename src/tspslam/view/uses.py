@@ -72,8 +72,7 @@ def write_regions_picture(map_: TopologicalMap, labels: NDArray[np.integer[Any]]
         If the file cannot be written.
     """
     check_map(map_)
-    if len(labels) != len(map_.surface.faces):
-        raise InputError(f"view: {len(labels)} labels for {len(map_.surface.faces)} faces, expected one a face")
+    _check_labels(map_, labels)
     everywhere = Shown(np.zeros(len(labels)), np.ones(len(labels), np.bool_))
     outlook = faces.fuller(map_, (from_above(map_), from_path(map_)), everywhere)
     count = int(np.unique(labels).size)
@@ -147,11 +146,13 @@ def write_use_page(
     Raises
     ------
     InputError
-        If the parts of the map do not belong together.
+        If the parts of the map do not belong together, or there is not one label a face.
     OutputError
         If the file cannot be written.
     """
     check_map(map_)
+    if labels is not None:
+        _check_labels(map_, labels)
     colours = None if labels is None else region_colours(labels)
     sections = [
         f"<header><h1>{text(title)}</h1></header>",
@@ -162,6 +163,11 @@ def write_use_page(
     make_folder(Path(path).parent)
     write_bytes(path, page_of(f"TSP-SLAM: {title}", sections).encode("utf-8", "replace"))
     return Path(path)
+
+
+def _check_labels(map_: TopologicalMap, labels: NDArray[np.integer[Any]]) -> None:
+    if len(labels) != len(map_.surface.faces):
+        raise InputError(f"view: {len(labels)} labels for {len(map_.surface.faces)} faces, expected one a face")
 
 
 def _written(figure: Figure, path: str | Path) -> Path:
