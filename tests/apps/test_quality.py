@@ -300,6 +300,13 @@ def test_features_are_few_and_plain():
     assert np.isfinite(found).all()
 
 
+def test_features_of_what_is_enormous_are_finite():
+    xyz, complex_, signals = side(*hill())
+    huge = quality_features(xyz, complex_, replace(signals, vertex=signals.vertex * 1e99))
+    line = quality_features(xyz * [1, 0, 0], complex_, signals)  # no area
+    assert np.isfinite(compare_features(huge, line).score)
+
+
 @each
 def test_features_do_not_care_which_is_first(kind):
     one, other = side(*hill()), spoiled(kind, 0.3)

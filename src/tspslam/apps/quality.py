@@ -46,6 +46,7 @@ _BLOCKS = {
     "layout": _FLOOR_LAYOUT,
 }
 """What features hold, in order, each with its floor: 16 quantiles, and 64 shells at the end."""
+LARGEST = 1e30  # of a feature: float32 holds it, and float64 its square
 FEATURES = len(_QUANTILES) * (len(_BLOCKS) - 1) + _SHELLS
 
 
@@ -178,7 +179,8 @@ def quality_features(xyz: ArrayLike, complex_: Complex, signals: Signals) -> NDA
     area = areas_of(side)
     several.append(unit[used] / (np.sqrt(area.sum()) or 1))
     quantiles = [np.quantile(each, _QUANTILES) if len(each) else np.zeros(len(_QUANTILES)) for each in several]
-    return np.concatenate([*quantiles, _layout(side, value, area)]).astype(np.float32)
+    found = np.concatenate([*quantiles, _layout(side, value, area)])
+    return np.clip(found, -LARGEST, LARGEST).astype(np.float32)
 
 
 def compare_features(reference: ArrayLike, distorted: ArrayLike) -> Quality:
@@ -228,7 +230,7 @@ def _layout(side: Side, value: FloatArray, area: FloatArray) -> FloatArray:
 
 def _checked_features(features: ArrayLike, what: str) -> FloatArray:
     values = np.asarray(real_array(features, f"{what}: features", f"({FEATURES},)"), np.float64)
-    if values.shape != (FEATURES,) or not np.isfinite(values).all():
+    if values.shape != (FEATURES,) or not (np.abs(values) <= 2 * LARGEST).all():
         raise InputError(f"{what}: features have shape {values.shape}, expected ({FEATURES},), all of them finite")
     return values
 
