@@ -27,7 +27,7 @@ from .quality_data import Item, Side
 Scores = dict[str, NDArray[np.float64]]  # of each method on one item: (kinds, levels)
 
 OURS, PLAIN, ALONE, ON_VERTICES, REDUCED = (
-    "ours", "positions and signals alone", "responses alone", "ours, vertices only", "ours, 240 features",
+    "ours", "positions and signals alone", "responses alone", "ours, vertices only", "ours, 256 features",
 )  # fmt: skip
 RIVALS: dict[str, Callable[[Item, Item], float]] = {
     "luminance, PSNR": rivals.psnr,
@@ -120,7 +120,7 @@ def times() -> str:
     jobs = {
         "same faces": lambda: compare_quality(reference, moved),
         "other faces": lambda: compare_quality(reference, fewer),
-        "240 features": lambda: quality_features(*reference),
+        "256 features": lambda: quality_features(*reference),
         "k-d trees of both and nearest vertices": lambda: [
             cKDTree(a).query(b) for a, b in ((reference.xyz, moved.xyz), (moved.xyz, reference.xyz))
         ],

@@ -246,6 +246,17 @@ def test_several_parts_a_vertex_alone_and_a_flat_face(compare):
     assert compare(one, one).score == 0 < compare(one, other).score < 0.5
 
 
+@both
+def test_an_edge_without_a_face_has_no_plane(compare):
+    xyz, uv, faces = hill()
+    xyz, uv = np.concatenate([xyz, xyz[:1] + np.array([[1, 2, 0]])]), np.concatenate([uv, uv[:1] + 1])
+    complex_ = build_complex(faces, 301, edges=[[0, 300]])
+    one, other = (sample_signals(image, uv, complex_) for image in (picture(), picture() ** 2))
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    scores = [compare((x, complex_, one), (x, complex_, other)).score for x in (xyz, xyz @ turn.T)]
+    assert np.isclose(*scores, rtol=1e-5)
+
+
 def test_a_one_sided_strip_has_a_score():
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     rim = [np.column_stack([(2 + s * np.cos(angle / 2)) * np.cos(angle), (2 + s * np.cos(angle / 2)) * np.sin(angle),
@@ -284,9 +295,16 @@ def test_channels_count_alike():
 
 def test_features_are_few_and_plain():
     found = quality_features(*side(*hill()))
-    assert found.shape == (240,)
+    assert found.shape == (256,)
     assert found.dtype == np.float32
     assert np.isfinite(found).all()
+
+
+def test_features_of_what_is_enormous_are_finite():
+    xyz, complex_, signals = side(*hill())
+    huge = quality_features(xyz, complex_, replace(signals, vertex=signals.vertex * 1e99))
+    line = quality_features(xyz * [1, 0, 0], complex_, signals)  # no area
+    assert np.isfinite(compare_features(huge, line).score)
 
 
 @each
@@ -329,6 +347,8 @@ def test_a_complex_without_a_seen_face_is_refused():
             lambda xyz, c, s: (xyz, c, replace(s, edge=s.edge[1:])),
             r"distorted: signals.edge has shape \(880,\), expected \(881,\) or \(881, C\)",
         ),
+        (lambda xyz, c, s: (xyz, c, replace(s, vertex=np.zeros((300, 0)))), r"signals.vertex has shape \(300, 0\), expected"),
+        (lambda xyz, c, s: (xyz, c, replace(s, edge_ok=s.edge_ok * 1)), r"ok is int64 of shape \(881,\), expected"),
         (lambda xyz, c, s: (xyz, c, replace(s, face=s.face * np.nan)), "distorted: signals.face is not finite at face 0"),
     ],
 )  # fmt: skip
@@ -354,7 +374,7 @@ def test_orders_that_are_none_are_refused(orders):
         compare_quality(side(*hill()), side(*hill()), orders=orders)
 
 
-@pytest.mark.parametrize("features", [np.zeros(7), np.full(240, np.nan)])
+@pytest.mark.parametrize("features", [np.zeros(7), np.full(256, np.nan)])
 def test_features_that_are_none_are_refused(features):
-    with pytest.raises(InputError, match=r"distorted: features have shape .*, expected \(240,\), all of them finite"):
-        compare_features(np.zeros(240), features)
+    with pytest.raises(InputError, match=r"distorted: features have shape .*, expected \(256,\), all of them finite"):
+        compare_features(np.zeros(256), features)
