@@ -76,10 +76,11 @@ def place_vertices(edges, faces, face_edges, edge_uv, edge_ok, uv):  # type: ign
 def compare_links(x, own, n, faces, face_edges):  # type: ignore[no-untyped-def]
     """Each vertex against the mean of the edges across its faces, which share no pixel with it.
 
-    Returns the squared difference, its variance for noise of variance 1, the variance of those edges' signals, and how
-    many they are (n,).
+    Returns the squared difference, the variance of those edges' signals, what both are in the mean for noise of variance
+    1, and how many edges they are (n,).
     """
-    count, total, squares, gain = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    count, total, squares = np.zeros(n), np.zeros(n), np.zeros(n)
+    gain, expected = np.zeros(n), np.zeros(n)
     for f in range(faces.shape[0]):
         for side in range(3):
             i, e = faces[f, side], n + face_edges[f, (side + 1) % 3]
@@ -93,8 +94,10 @@ def compare_links(x, own, n, faces, face_edges):  # type: ignore[no-untyped-def]
         if count[i] > 0:
             mean = total[i] / count[i]
             squares[i] = max(squares[i] / count[i] - mean * mean, 0.0)
-            total[i], gain[i] = mean * mean, gain[i] / (count[i] * count[i]) + 1 / own[i]
-    return total, gain, squares, count
+            total[i] = mean * mean
+            expected[i] = gain[i] / count[i] * (1 - 1 / count[i])
+            gain[i] = gain[i] / (count[i] * count[i]) + 1 / own[i]
+    return total, squares, gain, expected, count
 
 
 @kernel

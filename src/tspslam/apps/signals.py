@@ -18,6 +18,9 @@ from ..types import BoolArray, FloatArray, Response, Signals, real_array
 LEVELS = ("vertex", "edge", "face")
 BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, over all places in a pixel
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
+CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
+TEXTURE = 0.35  # share of what edges show more than vertices that is texture in the vertices too: development photographs
+LEAST = 0.2  # share of what vertices show that is taken for noise even where all is texture
 FLOOR = 1e-3  # least contrast, as a share of the noise's variance: below it there is nothing to keep apart
 PILOT, STEPS, ROUNDS = 5, 4, 2  # steps of conjugate gradients evenly, then by steps, and how often: more gain nothing
 
@@ -55,13 +58,13 @@ class Constants(NamedTuple):
 
 
 CONSTANTS = Constants(
-    kind=np.exp([0.06, 0.87, 0.6, 1.35]),
+    kind=np.exp([0.0, -0.22, 0.49, 1.76]),
     usual=np.array([0.67, 1.0, 0.37, 0.8]),
-    ratio=np.array([-1.2, 0.0, 1.2]),
-    even=np.zeros(3),
-    weight=np.zeros(3),
-    least=np.zeros(3),
-    slant=np.zeros(3),
+    ratio=np.array([-2.4, -1.2, 0.0, 1.2]),
+    even=np.array([-2.14, -0.85, 0.72, 1.07]),
+    weight=np.array([-0.74, -0.51, -0.66, -1.03]),
+    least=np.array([-6.76, -5.18, -3.97, -3.73]),
+    slant=np.array([1.04, 0.27, 1.73, 3.72]),
 )
 
 
@@ -265,15 +268,16 @@ def estimate_variance(graph: Graph, y: FloatArray) -> float:
     """
     from . import _signals
 
-    off, gain, spread, count = _signals.compare_links(y, graph.own, graph.n, graph.faces, graph.face_edges)
+    off, spread, gain, expected, count = _signals.compare_links(y, graph.own, graph.n, graph.faces, graph.face_edges)
     rows = np.flatnonzero(count >= 3)  # fewer are alike by chance
-    if len(rows):
-        kept = max(1, round(FLATTEST * len(rows)))
-        rows = rows[spread[rows] <= np.partition(spread[rows], kept - 1)[kept - 1]]
-    else:
+    if not len(rows):
         rows = np.flatnonzero(count)
-    total = float(gain[rows].sum())
-    return float(off[rows].sum()) / total if total > 0 else 0.0
+        return float(off[rows].sum() / gain[rows].sum()) if len(rows) else 0.0
+    kept = max(1, round(FLATTEST * len(rows)))
+    rows = rows[spread[rows] <= np.partition(spread[rows], kept - 1)[kept - 1]]
+    by_vertex = float(off[rows].sum() / gain[rows].sum())
+    by_edges = float(spread[rows].sum() / (CHANCE * expected[rows].sum()))
+    return max(by_vertex - TEXTURE * max(by_edges - by_vertex, 0.0), LEAST * by_vertex)
 
 
 def estimate_contrast(graph: Graph, y: FloatArray, variance: float) -> float:
