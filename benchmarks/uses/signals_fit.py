@@ -1,12 +1,14 @@
 """Fits the constants of `tspslam.apps.signals` on development photographs, and prints them: ``python -m benchmarks.uses.signals_fit``.
 
 Pieces of the photographs with about 1 500 vertices, as dense as 4 000 and 20 000 in the whole, noise of 0.01 to 0.2. What is
-raised: mean PSNR, vertices 1, edges and faces 1/4 each, less 5 for each dB that vertices fall below the noisy ones.
+raised: mean PSNR, vertices 1, edges and faces 1/4 each, less 2 for each dB that vertices fall below the noisy ones. Then the
+same for the rival on vertices alone (``--vertices``: only this).
 """
 
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import Delaunay
@@ -16,6 +18,9 @@ import tspslam
 from tspslam.apps import signals as ours
 from tspslam.topology.texture import luminance
 
+from . import signals_rivals as rivals
+from .signals_rivals import psnr
+
 PHOTOGRAPHS = ("chelsea", "coins", "rocket", "brick")
 NOISES = (0.01, 0.05, 0.1, 0.2)
 VERTICES = 1500
@@ -23,7 +28,7 @@ VERTICES = 1500
 
 def pieces():
     """Rows: graph, true and noisy signals of all its elements, where levels begin."""
-    for seed, (name, whole) in enumerate([(name, n) for name in PHOTOGRAPHS for n in (4_000, 20_000)], 100):
+    for seed, (name, whole) in enumerate([(name, n) for name in PHOTOGRAPHS for n in (4_000, 20_000)] * 2, 100):
         rng = np.random.default_rng(seed)
         image = luminance(getattr(data, name)())
         side = np.minimum(np.sqrt(VERTICES / whole * image.size), min(image.shape)).astype(int)
@@ -35,22 +40,29 @@ def pieces():
         for sigma in NOISES:
             both = np.stack([clean, clean + sigma * noise], axis=-1)
             signals = tspslam.sample_signals(both, uv, complex_, channels="all")
-            true, noisy = np.concatenate([signals.vertex, signals.edge, signals.face]).T.copy()
             graph = ours.build_graph(complex_, signals, uv)
+            true, noisy = graph.pack(signals)
             yield graph, true, noisy, np.cumsum([0, graph.n, len(graph.edges), len(graph.faces)])
 
 
-def psnr(estimate, truth) -> float:
-    return float(-10 * np.log10(np.mean((estimate - truth) ** 2)))
-
-
 def score(items, constants) -> float:
+    """Of all levels jointly."""
     total = 0.0
     for graph, true, noisy, start in items:
         x = ours.denoise(graph, noisy, None, None, constants)
-        gains = [psnr(x[a:b], true[a:b]) for a, b in zip(start[:-1], start[1:], strict=True)]
-        lost = psnr(noisy[: start[1]], true[: start[1]]) - gains[0]
-        total += gains[0] + 0.25 * (gains[1] + gains[2]) - 5 * max(lost, 0.0)
+        gains = [psnr(x[a:b], true[a:b]) for a, b in pairwise(start)]
+        lost = psnr(noisy[: graph.n], true[: graph.n]) - gains[0]
+        total += gains[0] + 0.25 * (gains[1] + gains[2]) - 2 * max(lost, 0.0)
+    return total / len(items)
+
+
+def vertex_score(items, constants) -> float:
+    """Of the rival on vertices alone."""
+    total = 0.0
+    for graph, true, noisy, _ in items:
+        x = rivals.ours_on_vertices(graph, noisy, ours.estimate_variance(graph, noisy), constants)
+        gain = psnr(x, true[: graph.n])
+        total += gain - 2 * max(psnr(noisy[: graph.n], true[: graph.n]) - gain, 0.0)
     return total / len(items)
 
 
@@ -62,6 +74,10 @@ def unpacked(values):
     even, weight, least, slant = np.reshape(values[3:], (4, -1))
     kind = np.exp(np.concatenate([[0], values[:3]]))
     return ours.CONSTANTS._replace(kind=kind, even=even, weight=weight, least=least, slant=slant)
+
+
+def vertex_constants(values):
+    return rivals.VertexConstants(ours.CONSTANTS.ratio, *np.reshape(values, (4, -1)))
 
 
 def climb(function, x, tries: int):
@@ -81,12 +97,17 @@ def climb(function, x, tries: int):
     return x
 
 
+def show(constants) -> None:
+    for name, values in zip(constants._fields, constants, strict=True):
+        print(f"{name}=np.array({np.round(values, 2).tolist()}),", flush=True)
+
+
 def main() -> None:
     items = list(pieces())
-    found = unpacked(climb(lambda x: score(items, unpacked(x)), packed(ours.CONSTANTS), 300))
-    print(f"kind=np.exp({np.log(found.kind).round(2).tolist()})")
-    for name in ("ratio", "even", "weight", "least", "slant"):
-        print(f"{name}=np.array({getattr(found, name).round(2).tolist()}),")
+    if "--vertices" not in sys.argv:
+        show(unpacked(climb(lambda x: score(items, unpacked(x)), packed(ours.CONSTANTS), 300)))
+    start = np.concatenate(rivals.VERTEX_CONSTANTS[1:])
+    show(vertex_constants(climb(lambda x: vertex_score(items, vertex_constants(x)), start, 200)))
 
 
 if __name__ == "__main__":

@@ -127,7 +127,7 @@ def test_the_noise_is_estimated(noise):
     both = sample_signals(np.stack([image, image], axis=2), uv, complex_)
     noisy = replace(clean, **{level: getattr(both, level)[:, 0] for level in LEVELS})
     graph = ours.build_graph(complex_, noisy, uv)
-    found = ours.estimate_variance(graph, np.concatenate([noisy.vertex, noisy.edge, noisy.face])) ** 0.5
+    found = ours.estimate_variance(graph, graph.pack(noisy)[0]) ** 0.5
     assert found == pytest.approx(noise, rel=0.2)
 
 

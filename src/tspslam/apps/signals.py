@@ -19,8 +19,8 @@ LEVELS = ("vertex", "edge", "face")
 BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, over all places in a pixel
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
-TEXTURE = 0.35  # share of what edges show more than vertices that is texture in the vertices too: development photographs
-LEAST = 0.2  # share of what vertices show that is taken for noise even where all is texture
+TEXTURE = 0.45  # share of what edges show more than vertices that is texture in the vertices too: development photographs
+LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 FLOOR = 1e-3  # least contrast, as a share of the noise's variance: below it there is nothing to keep apart
 PILOT, STEPS, ROUNDS = 5, 4, 2  # steps of conjugate gradients evenly, then by steps, and how often: more gain nothing
 
@@ -58,13 +58,13 @@ class Constants(NamedTuple):
 
 
 CONSTANTS = Constants(
-    kind=np.exp([0.0, -0.22, 0.49, 1.76]),
+    kind=np.exp([0.0, -0.25, 0.36, 1.67]),
     usual=np.array([0.67, 1.0, 0.37, 0.8]),
-    ratio=np.array([-2.4, -1.2, 0.0, 1.2]),
-    even=np.array([-2.14, -0.85, 0.72, 1.07]),
-    weight=np.array([-0.74, -0.51, -0.66, -1.03]),
-    least=np.array([-6.76, -5.18, -3.97, -3.73]),
-    slant=np.array([1.04, 0.27, 1.73, 3.72]),
+    ratio=np.array([-2.4, -1.2, -0.3, 0.6, 1.5]),
+    even=np.array([-2.0, -0.3, 0.5, 0.5, 1.1]),
+    weight=np.array([-0.7, -0.8, -0.55, -0.6, -1.0]),
+    least=np.array([-6, -5.2, -4.2, -3, -3]),
+    slant=np.array([1.1, 1.0, 1.5, 2.7, 3.6]),
 )
 
 
@@ -73,8 +73,10 @@ class Graph(NamedTuple):
 
     Attributes
     ----------
+    order : (F,) int64
+        Faces by their first vertex, as edges are: what is near in one array is near in the others.
     edges, faces, face_edges : (E, 2), (F, 3), (F, 3) uint32
-        Of the complex.
+        Of the complex, faces in that order.
     pairs, opposite : (P, 2) uint32
         Faces that share an edge, and their vertices off it.
     places : (n + E + F, 2) float64
@@ -83,6 +85,7 @@ class Graph(NamedTuple):
         Noise's variance in a pixel over that in the element; 0 without a signal.
     """
 
+    order: NDArray[np.int64]
     edges: NDArray[np.uint32]
     faces: NDArray[np.uint32]
     face_edges: NDArray[np.uint32]
@@ -95,6 +98,23 @@ class Graph(NamedTuple):
     def n(self) -> int:
         """Number of vertices."""
         return len(self.own) - len(self.edges) - len(self.faces)
+
+    def pack(self, signals: Signals) -> FloatArray:
+        """Return the signals of all elements, (C, n + E + F) float64; 0 where there is none."""
+        values = np.concatenate([signals.vertex, signals.edge, signals.face[self.order]]).astype(np.float64)
+        columns = values.reshape(len(values), -1)
+        return np.ascontiguousarray(np.where(self.own[:, None] > 0, columns, 0.0).T)
+
+    def unpack(self, values: FloatArray, signals: Signals) -> Signals:
+        """Return `signals` with other values."""
+        vertex, edge, ordered = np.split(values.T, [self.n, self.n + len(self.edges)])
+        face = np.empty_like(ordered)
+        face[self.order] = ordered
+        parts = {"vertex": vertex, "edge": edge, "face": face}
+        shaped: dict[str, Any] = {
+            level: np.ascontiguousarray(part).reshape(getattr(signals, level).shape) for level, part in parts.items()
+        }
+        return replace(signals, **shaped)
 
     def __repr__(self) -> str:
         return brief(self)
@@ -165,22 +185,15 @@ def denoise_signals(
         return signals
     graph = build_graph(complex_, signals, uv)
     tensors = _tensors_of(response, graph, signals)
-    values = np.concatenate([signals.vertex, signals.edge, signals.face]).astype(np.float64)
-    values = values.reshape(len(values), -1).T
-    denoised = np.empty_like(values)
+    values = graph.pack(signals)
     for c, channel in enumerate(values):
-        given = None if tensors is None else tensors[c % len(tensors)]
-        denoised[c] = denoise(graph, channel, deviation, given, CONSTANTS)
-    parts = np.split(denoised.T, [graph.n, graph.n + len(graph.edges)])
-    shaped: dict[str, Any] = {
-        level: np.ascontiguousarray(part).reshape(getattr(signals, level).shape)
-        for level, part in zip(LEVELS, parts, strict=True)
-    }
-    return replace(signals, **shaped)
+        tensor = None if tensors is None else tensors[c % len(tensors)]
+        values[c] = denoise(graph, channel, deviation, tensor, CONSTANTS)
+    return graph.unpack(values, signals)
 
 
 def denoise(
-    graph: Graph, noisy: FloatArray, noise: float | None, tensor: FloatArray | None, constants: Constants
+    graph: Graph, y: FloatArray, noise: float | None, tensor: FloatArray | None, constants: Constants
 ) -> FloatArray:
     """Denoise one channel; see `denoise_signals`.
 
@@ -188,8 +201,8 @@ def denoise(
     ----------
     graph : Graph
         The complex.
-    noisy : (n + E + F,) float64
-        Signals of all levels.
+    y : (n + E + F,) float64
+        Noisy signals, as `Graph.pack` gives them.
     noise : float or None
         Standard deviation in a pixel; None: estimated.
     tensor : (n, 3) float64 or None
@@ -203,7 +216,6 @@ def denoise(
     """
     from . import _signals
 
-    y = np.where(graph.own > 0, noisy, 0.0)
     variance = estimate_variance(graph, y) if noise is None else noise * noise
     if not variance > 0:
         return y
@@ -324,9 +336,10 @@ def build_graph(complex_: Complex, signals: Signals, uv: ArrayLike | None = None
     """
     from . import _signals
 
+    order = np.argsort(complex_.faces[:, 0], kind="stable")
     edges, faces, face_edges = (
         np.ascontiguousarray(part, np.int32).view(np.uint32)
-        for part in (complex_.edges, complex_.faces, complex_.face_edges)
+        for part in (complex_.edges, complex_.faces[order], complex_.face_edges[order])
     )
     pairs, opposite = _signals.join_faces(faces, face_edges, len(edges))
     points = np.zeros((complex_.n, 2))
@@ -337,11 +350,11 @@ def build_graph(complex_: Complex, signals: Signals, uv: ArrayLike | None = None
     own = [
         np.full(complex_.n, 1 / BILINEAR) if uv is None else 1 / _noise_at(points),
         _worth(signals.edge_pixels, signals.edge_uv, 1),
-        _worth(signals.face_pixels, signals.face_uv, 0),
+        _worth(signals.face_pixels[order], signals.face_uv[order], 0),
     ]
-    ok = np.concatenate([signals.vertex_ok, signals.edge_ok, signals.face_ok])
-    places = np.concatenate([points, signals.edge_uv, signals.face_uv])
-    return Graph(edges, faces, face_edges, pairs, opposite, places, np.where(ok, np.concatenate(own), 0.0))
+    ok = np.concatenate([signals.vertex_ok, signals.edge_ok, signals.face_ok[order]])
+    places = np.concatenate([points, signals.edge_uv, signals.face_uv[order]])
+    return Graph(order, edges, faces, face_edges, pairs, opposite, places, np.where(ok, np.concatenate(own), 0.0))
 
 
 def _worth(pixels: NDArray[np.int32], uv: FloatArray, most: int) -> FloatArray:
