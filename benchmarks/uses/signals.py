@@ -1,0 +1,231 @@
+"""Denoising of signals, measured by the rules of docs/uses_protocol.rst: ``python -m benchmarks.uses.signals [--docs docs] [--quick]``.
+
+Prints and, with ``--docs``, writes the table and the picture of the page. ``--quick``: development photographs, seed 100, n = 4 000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial import Delaunay
+from skimage import data
+
+import tspslam
+from benchmarks.measure import paired
+from tspslam.apps import signals as ours
+from tspslam.topology.texture import luminance
+
+from . import signals_rivals as rivals
+from .signals_rivals import best, psnr
+
+SCORED = ("astronaut", "camera", "coffee", "motorcycle", "immunohistochemistry")
+DEVELOPMENT = ("chelsea", "coins", "rocket", "brick")
+NOISES = (0.05, 0.1, 0.2)
+SIZES = (4_000, 20_000)
+LEVELS = ("vertex", "edge", "face")
+NAMES = {
+    "heat": "heat on L0, oracle t",
+    "tikhonov": "Tikhonov on L0, oracle t",
+    "pygsp": "PyGSP's Tikhonov regression, oracle weight",
+    "variation": "total variation on the graph (pyunlocbox), oracle weight",
+    "bilateral": "bilateral mean over neighbours, oracle width",
+    "image means": "image by non-local means, oracle strength, sampled",
+    "image variation": "image by total variation, oracle weight, sampled",
+    "vertices only": "our method on vertices only",
+    "without uv": "ours without projections",
+    "noise known": "ours, the noise known",
+    "noisy": "vertices: the noisy signals",
+    "edge": "edges: the noisy means",
+    "edge smooth": "edges: smooth_signals, oracle t",
+    "face": "faces: the noisy means",
+    "face smooth": "faces: smooth_signals, oracle t",
+}
+
+
+def photographs(names):
+    """Name and luminance of each image; recordings where they are."""
+    for name in names:
+        image = data.stereo_motorcycle()[0] if name == "motorcycle" else getattr(data, name)()
+        yield name, np.ascontiguousarray(luminance(image))
+    folder = os.environ.get("TSPSLAM_DATA")
+    if folder and names is SCORED:
+        for name, path in (
+            ("KITTI", Path(folder) / "kitti_seq1" / "image_l" / "000025.png"),
+            ("EuRoC", sorted((Path(folder) / "euroc_v101_keyframes" / "images").glob("*_0.jpg"))[50]),
+        ):
+            yield name, np.ascontiguousarray(luminance(tspslam.io.read_image(path)))
+
+
+def random_complex(image, n, seed):
+    uv = np.random.default_rng(seed).random((n, 2)) * (np.array(image.shape[::-1]) - 1)
+    return uv, tspslam.build_complex(Delaunay(uv).simplices, n)
+
+
+def sampled(image, uv, complex_):
+    """Signals of an image of any values, which noise may have put outside [0, 1]."""
+    twice = tspslam.sample_signals(np.stack([image, image], axis=-1), uv, complex_)
+    return replace(twice, **{level: getattr(twice, level)[:, 0].copy() for level in LEVELS})
+
+
+def compare(uv, complex_, image, noisy_image, noise, filtered) -> dict[str, float]:
+    """PSNR of ours less each rival's."""
+    true, noisy = sampled(image, uv, complex_), sampled(noisy_image, uv, complex_)
+    got = {level: psnr(getattr(ours.denoise_signals(complex_, noisy, uv=uv), level), getattr(true, level)) for level in LEVELS}
+    graph = ours.build_graph(complex_, noisy, uv)
+    values = graph.pack(noisy)[0]
+    s, t = noisy.vertex, true.vertex
+    smooth = rivals.smoothed_levels(complex_, noisy, true)
+    vertex = {
+        "heat": best(rivals.heat(complex_.L0, s), t),
+        "tikhonov": best(rivals.tikhonov(complex_.L0, s), t),
+        "pygsp": best(rivals.regression(complex_, s), t),
+        "variation": best(rivals.total_variation(complex_, s, noise), t),
+        "bilateral": max(psnr(x, t) for x in rivals.bilateral(complex_, s, noise)),
+        **{name: max(psnr(sampled(x, uv, complex_).vertex, t) for x in images) for name, images in filtered.items()},
+        "vertices only": psnr(rivals.ours_on_vertices(graph, values, ours.estimate_variance(graph, values)), t),
+        "without uv": psnr(ours.denoise_signals(complex_, noisy).vertex, t),
+        "noise known": psnr(ours.denoise_signals(complex_, noisy, uv=uv, noise=noise).vertex, t),
+        "noisy": psnr(s, t),
+    }
+    gains = {name: got["vertex"] - value for name, value in vertex.items()}
+    for level, smoothed in zip(("edge", "face"), smooth, strict=True):
+        gains[level] = got[level] - psnr(getattr(noisy, level), getattr(true, level))
+        gains[f"{level} smooth"] = got[level] - smoothed
+    return {**gains, "own psnr": got["vertex"], "noise psnr": vertex["noisy"]}
+
+
+def measure(names, sizes, seeds):
+    """Rows: image, n, seed, noise, differences."""
+    rows, begun = [], time.perf_counter()
+    for name, image in photographs(names):
+        for seed in seeds:
+            field = np.random.default_rng(seed).normal(size=image.shape)
+            for noise in NOISES:
+                noisy = image + noise * field
+                filtered = {
+                    "image means": list(rivals.images_by_means(noisy, noise)),
+                    "image variation": list(rivals.images_by_variation(noisy, noise)),
+                }
+                for n in sizes:
+                    uv, complex_ = random_complex(image, n, seed)
+                    rows.append((name, n, seed, noise, compare(uv, complex_, image, noisy, noise, filtered)))
+            shown = rows[-1][-1]
+            print(f"{time.perf_counter() - begun:5.0f} s {name}, seed {seed}, last: {shown['heat']:.2f} dB over heat", flush=True)
+    return rows
+
+
+def little_noise(names) -> list[str]:
+    """Vertices over the noisy ones at noise of 0.01, and the PSNR of what comes out of clean signals, worst first."""
+    gains, clean = [], []
+    for name, image in photographs(names):
+        noisy = image + 0.01 * np.random.default_rng(0).normal(size=image.shape)
+        for n in SIZES:
+            uv, complex_ = random_complex(image, n, 0)
+            s, t = sampled(noisy, uv, complex_), sampled(image, uv, complex_)
+            gains.append((psnr(ours.denoise_signals(complex_, s, uv=uv).vertex, t.vertex) - psnr(s.vertex, t.vertex), name, n))
+            clean.append((psnr(ours.denoise_signals(complex_, t, uv=uv).vertex, t.vertex), name, n))
+    mean = np.mean([gain for gain, *_ in gains])
+    say = "{0:.2f} dB ({1}, n = {2})"
+    return [f"noise 0.01, over noisy vertices: mean {mean:.2f}, worst " + say.format(*min(gains)),
+            "no noise, PSNR of what comes out: worst " + say.format(*min(clean))]  # fmt: skip
+
+
+def stereo_complexes() -> list[str]:
+    """The same on complexes that stereo gives."""
+    pairs = [tspslam.datasets.motorcycle()]
+    if folder := os.environ.get("TSPSLAM_DATA"):
+        root, name = Path(folder) / "kitti_seq1", "000025.png"
+        pairs.append(tspslam.read_pair(root / "image_l" / name, root / "image_r" / name, root / "calib.yaml"))
+    lines = []
+    for pair in pairs:
+        frame = tspslam.Session(pair.rig).process(pair)
+        image = np.ascontiguousarray(luminance(pair.left))
+        for noise in (0.01, *NOISES):
+            field = image + noise * np.random.default_rng(0).normal(size=image.shape)
+            true, noisy = (sampled(each, frame.cloud.uv, frame.complex_) for each in (image, field))
+            got = ours.denoise_signals(frame.complex_, noisy, uv=frame.cloud.uv)
+            ok = true.vertex_ok
+            heat = best(rivals.heat(frame.complex_.L0, noisy.vertex), true.vertex)
+            own, raw = psnr(got.vertex[ok], true.vertex[ok]), psnr(noisy.vertex[ok], true.vertex[ok])
+            lines.append(f"{pair.name} ({frame.complex_.n} vertices), noise {noise}: {own - heat:+.2f} dB over heat, {own - raw:+.2f} over noisy")
+    return lines
+
+
+def speed() -> str:
+    """Time of 20 000 vertices, a fresh complex each, beside heat with a given t."""
+    _, image = next(photographs(("motorcycle",)))
+    uv, complex_ = random_complex(image, 20_000, 0)
+    noisy = sampled(image + 0.1 * np.random.default_rng(0).normal(size=image.shape), uv, complex_)
+    fresh = lambda: replace(complex_)  # noqa: E731 - nothing that it keeps
+    mine, heat, _ = paired(
+        lambda: ours.denoise_signals(fresh(), noisy, uv=uv), lambda: tspslam.heat_filter(fresh().L0, noisy.vertex, 1.0), 7
+    )
+    return f"20 000 vertices: {1e3 * mine:.0f} ms; heat on their L0 alone {1e3 * heat:.0f} ms"
+
+
+def cell(values) -> str:
+    return f"{np.mean(values):+.2f} ({np.min(values):+.2f})"
+
+
+def table(rows) -> str:
+    """Mean over items, and the worst, for each noise."""
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    body = [["ours over, dB: mean (worst)", *[f"noise {noise}" for noise in NOISES]]]
+    for key, name in NAMES.items():
+        body.append([name, *[cell([row[4][key] for row in rows if row[3] == noise]) for noise in NOISES]])
+    for key, name in (("noise psnr", "PSNR of the noisy vertices, dB"), ("own psnr", "PSNR of ours, vertices, dB")):
+        body.append([name, *[f"{np.mean([row[4][key] for row in rows if row[3] == noise]):.2f}" for noise in NOISES]])
+    for line in body:
+        lines += [f"   {'*' if k == 0 else ' '} - {text}" for k, text in enumerate(line)]
+    return "\n".join(lines) + "\n"
+
+
+def split_table(rows) -> list[str]:
+    """Over heat by number of vertices and by image, for the log."""
+    lines = []
+    for title, column in (("n", 1), ("image", 0)):
+        for key in dict.fromkeys(row[column] for row in rows):
+            chosen = [cell([r[4]["heat"] for r in rows if r[column] == key and r[3] == noise]) for noise in NOISES]
+            lines.append(f"over heat, {title} {key}: {', '.join(chosen)}")
+    return lines
+
+
+def draw(path: Path) -> None:
+    """A piece of Motorcycle on 20 000 vertices: clean, noisy, heat with the oracle's t, ours."""
+    _, image = next(photographs(("motorcycle",)))
+    uv, complex_ = random_complex(image, 20_000, 0)
+    true, noisy = (sampled(i, uv, complex_) for i in (image, image + 0.1 * np.random.default_rng(0).normal(size=image.shape)))
+    heat = max(rivals.heat(complex_.L0, noisy.vertex), key=lambda x: psnr(x, true.vertex))
+    panels = {"true": true.vertex, "noisy, 0.1": noisy.vertex, "heat, oracle t": heat,
+              "denoise_signals": ours.denoise_signals(complex_, noisy, uv=uv).vertex}  # fmt: skip
+    figure = Figure(figsize=(12, 3.7), layout="constrained")
+    for axes, (name, values) in zip(figure.subplots(1, 4), panels.items(), strict=True):
+        axes.tripcolor(*uv.T, complex_.faces, values, shading="gouraud", cmap="gray", vmin=0, vmax=1)
+        title = name if name == "true" else f"{name}: {psnr(values, true.vertex):.1f} dB"
+        axes.set(title=title, xlim=(230, 530), ylim=(400, 100), aspect="equal", xticks=[], yticks=[])
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--quick", action="store_true")
+    given = parser.parse_args()
+    names, sizes, seeds = (DEVELOPMENT, SIZES[:1], (100,)) if given.quick else (SCORED, SIZES, (0, 1, 2))
+    rows = measure(names, sizes, seeds)
+    notes = [*little_noise(names), speed(), *stereo_complexes()]
+    print(table(rows), *split_table(rows), *notes, sep="\n")
+    if given.docs:
+        listed = "\n".join(f"* {note}" for note in notes)
+        (given.docs / "uses_signals.inc").write_text(f"{table(rows)}\n{listed}\n", encoding="utf-8")
+        draw(given.docs / "images" / "uses_signals.png")
+
+
+if __name__ == "__main__":
+    main()
