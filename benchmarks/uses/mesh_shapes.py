@@ -76,13 +76,17 @@ def as_wedge(p: np.ndarray) -> np.ndarray:
 def as_twisted(p: np.ndarray) -> np.ndarray:
     """Turn by 70° along z."""
     a, q = 1.2 * p[:, 2], p - 0.5
-    return np.column_stack([np.cos(a) * q[:, 0] - np.sin(a) * q[:, 1], np.sin(a) * q[:, 0] + np.cos(a) * q[:, 1], p[:, 2]])
+    return np.column_stack(
+        [np.cos(a) * q[:, 0] - np.sin(a) * q[:, 1], np.sin(a) * q[:, 0] + np.cos(a) * q[:, 1], p[:, 2]]
+    )
 
 
 def as_dome(p: np.ndarray) -> np.ndarray:
     """Flat and curved faces: the top bulges, creases turn obtuse."""
     q = p - 0.5
-    return np.column_stack([p[:, 0], p[:, 1] * (1 + 0.3 * p[:, 0]), p[:, 2] * (1 - 0.8 * q[:, 0] ** 2 - 0.8 * q[:, 1] ** 2)])
+    return np.column_stack(
+        [p[:, 0], p[:, 1] * (1 + 0.3 * p[:, 0]), p[:, 2] * (1 - 0.8 * q[:, 0] ** 2 - 0.8 * q[:, 1] ** 2)]
+    )
 
 
 def block_mesh(name: str, warp: Callable | None, n: int, amount: float, seed: int) -> Mesh:
@@ -101,7 +105,12 @@ def sphere(n: int, radius: Callable | None, seed: int, spread: float = 0.3) -> M
     p += rng.uniform(-1, 1, p.shape) * spread * np.sqrt(4 * np.pi / n)
     p /= np.linalg.norm(p, axis=1, keepdims=True)
     faces = ConvexHull(p).simplices
-    inward = np.einsum("ij,ij->i", np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), p[faces[:, 0]]) < 0
+    inward = (
+        np.einsum(
+            "ij,ij->i", np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), p[faces[:, 0]]
+        )
+        < 0
+    )
     faces[inward] = faces[inward][:, ::-1]
     return (p if radius is None else p * radius(p)[:, None]), faces
 
@@ -113,7 +122,10 @@ def bumpy(p: np.ndarray) -> np.ndarray:
 
 def grooved(p: np.ndarray) -> np.ndarray:
     """Sharp grooves along three circles."""
-    depth = [np.clip(0.12 - abs(p @ a - c), 0, None) for a, c in ((np.array([0, 0, 1.0]), 0), (np.array([0.8, 0, 0.6]), 0.3), (np.array([0, 1.0, 0]), -0.4))]
+    depth = [
+        np.clip(0.12 - abs(p @ a - c), 0, None)
+        for a, c in ((np.array([0, 0, 1.0]), 0), (np.array([0.8, 0, 0.6]), 0.3), (np.array([0, 1.0, 0]), -0.4))
+    ]
     return 1 - 1.2 * np.maximum.reduce(depth)
 
 
@@ -146,7 +158,9 @@ def sheet(n: int, height: Callable, seed: int) -> Mesh:
     """An open graph over random points of the unit square."""
     rng = np.random.default_rng(seed)
     side = int(n**0.5)
-    uv = (np.stack(np.meshgrid(*2 * [np.arange(side)]), -1).reshape(-1, 2) + rng.uniform(0.1, 0.9, (side * side, 2))) / side
+    uv = (
+        np.stack(np.meshgrid(*2 * [np.arange(side)]), -1).reshape(-1, 2) + rng.uniform(0.1, 0.9, (side * side, 2))
+    ) / side
     return np.column_stack([uv, height(uv[:, 0], uv[:, 1])]), Delaunay(uv).simplices
 
 
