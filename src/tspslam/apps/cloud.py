@@ -187,8 +187,9 @@ def _check(cloud: Cloud, image: NDArray[Any]) -> None:
         values = real_array(getattr(cloud, name), f"denoise: {name}", f"{shape}")
         if values.shape != shape:
             raise InputError(f"denoise: {name} has shape {values.shape}, expected {shape}")
-        _refuse(np.isfinite(values).all(axis=tuple(range(1, values.ndim))), f"{name} is not finite", "finite values")
-    _refuse(cloud.xyz[:, 2] > 0, "z is not positive", "points before the camera")
+        good: BoolArray = np.isfinite(values.reshape(n, values.size // n if n else 0)).all(axis=1)
+        _refuse(good, f"{name} is not finite", "finite values")
+    _refuse(np.greater(cloud.xyz[:, 2], 0), "z is not positive", "points before the camera")
     check_pixels("denoise: image", image)
     check_luminance("denoise: image", image)
     height, width = image.shape[:2]
