@@ -1,8 +1,9 @@
 """Stereo points denoised, beside the truth: ``python -m benchmarks.uses.cloud [--docs FOLDER] [--development]``.
 
 Scored: Motorcycle's measured disparities; 5 frames each of street, corridor and room, seeds 0 to 2, with the faults of
-``benchmarks.mapping``. Constants were chosen on seeds 100 and 101, 3 frames each: ``--development``. Recordings, where
-TSPSLAM_DATA has them, have no truth here: of those the flatness of the road is told.
+``benchmarks.mapping``. Constants were chosen on seeds 100 and 101 of these, 3 frames each, and on heaps of round and
+square things: ``--development``. Recordings, where TSPSLAM_DATA has them, have no truth here: of those the flatness of
+the road is told.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 from benchmarks.mapping import FAULTS, KITTI, list_table
-from tspslam import datasets, delaunay_surface, reconstruct
+from tspslam import OrbDetector, datasets, delaunay_surface, read_pair, reconstruct
 from tspslam.apps.cloud import denoise_cloud
 from tspslam.datasets import synthetic
 from tspslam.errors import InputError
@@ -36,8 +37,17 @@ SCENES = {
     "corridor": (lambda seed: synthetic.corridor(40.0, step=0.5, seed=seed), synthetic.PAPER_RIG),
     "room": (lambda seed: synthetic.room(laps=1.2, frames=160, seed=seed), synthetic.PAPER_RIG),
 }  # the worlds of benchmarks.mapping
-MATCHERS = {"default": {}, "paper": {"preset": "paper"}, "sgbm": {"matcher": SgbmMatcher()}}
-RECORDED = ("kitti_seq1", "kitti_raw_0926")
+MATCHERS = {
+    "default": {},
+    "8000 keypoints": {"detector": OrbDetector(count=8000)},
+    "paper": {"preset": "paper"},
+    "sgbm": {"matcher": SgbmMatcher()},
+    "sgbm, 20 000 keypoints": {"detector": OrbDetector(count=20_000), "matcher": SgbmMatcher()},
+}
+RECORDED = {
+    "kitti_seq1": ("image_l/000000.png", "image_r/000000.png"),
+    "kitti_05": ("image_0/000000.png", "image_1/000000.png"),
+}  # left and right image of one pair each
 NEAR_STEP = 3  # px around a point in which the true disparity jumps
 STEP = 2.0  # px of disparity
 CAP = 3.0  # px: larger errors count as this in the mean
@@ -62,12 +72,43 @@ def items(matcher: str, development: bool) -> Iterator[Item]:
     seeds, count = ((100, 101), 3) if development else ((0, 1, 2), 5)
     if not development:
         yield _item("Motorcycle", datasets.motorcycle(), datasets.samples.motorcycle_truth(), matcher)
-    for name, (make, rig) in SCENES.items():
+    for name, (make, rig) in (SCENES | (HEAPS if development else {})).items():
         for seed in seeds:
             sequence = synthetic.SyntheticSequence(make(seed), rig, FAULTS)
             for frame in (np.linspace(0.1, 0.9, count) * len(sequence)).astype(int).tolist():
                 truth = np.asarray(sequence.geometry(frame).disparity, np.float64)
                 yield _item(name, sequence[frame], truth, matcher)
+
+
+def heap(things: int, seed: int) -> synthetic.Scene:
+    """Balls, rings and boxes of 3 to 60 cm at 1.6 to 4 m, before a wall and over a floor."""
+    rng = np.random.default_rng((17, seed))
+
+    def look() -> synthetic.Texture:
+        return synthetic.Texture(int(rng.integers(1 << 31)), 0.004, rng.uniform(0.3, 0.7), rng.uniform(0.4, 0.9))
+
+    wall, floor = (synthetic.plane(12, 8, texture=look()) for _ in range(2))
+    shapes = [wall.at(0, 0, 4.5), floor.at(0, 1.1, 2.5, turn=(np.pi / 2, 0, 0))]
+    for k in range(things):
+        z = rng.uniform(1.6, 4.0)
+        x, y, turn = rng.uniform(-0.6, 0.6) * z, rng.uniform(-0.45, 0.3) * z, rng.uniform(-1.5, 1.5, 3)
+        if k % 3 == 0:
+            shape = synthetic.sphere(rng.uniform(0.05, 0.3), rows=24, texture=look())
+        elif k % 3 == 1:
+            major = rng.uniform(0.1, 0.4)
+            shape = synthetic.torus(major, major * rng.uniform(0.1, 0.4), rows=20, columns=60, texture=look())
+        else:
+            shape = synthetic.box(*rng.uniform(0.03, 0.5, 3), texture=look())
+        shapes.append(shape.at(x, y, z, turn=turn))
+    path = np.eye(4)[None].repeat(3, axis=0)
+    path[:, 0, 3] = (-0.5, 0.0, 0.5)
+    return synthetic.Scene(tuple(shapes), path, leaves=seed, name="heap")
+
+
+HEAPS = {
+    "heap of 30": (lambda seed: heap(30, seed), synthetic.PAPER_RIG),
+    "heap of 150": (lambda seed: heap(150, seed), synthetic.PAPER_RIG),
+}
 
 
 def _item(name: str, pair: StereoPair, truth: np.ndarray, matcher: str) -> Item:
@@ -239,9 +280,9 @@ def timed(n: int = 20_000) -> str:
 
 def recorded(folder: Path) -> Iterator[str]:
     """Of recordings, how far points of the road are off one plane before and after, and how many points move far."""
-    for name in RECORDED:
+    for name, (left, right) in RECORDED.items():
         try:
-            pair = datasets.open_sequence(folder / name)[0]
+            pair = read_pair(folder / name / left, folder / name / right, folder / name / "calib.yaml")
         except InputError as error:
             yield f"{name}: left out: {error}"
             continue
