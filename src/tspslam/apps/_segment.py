@@ -1,0 +1,335 @@
+"""Compiled kernels of segmentation: energies of regions, the tree of their merges, faces that change sides, discs.
+
+A region is a row of sums, so that two rows add up to their union's. Columns: 0 its number of points, 1 their weight,
+2:5 Σ w x, 5:11 Σ w x xᵀ (xx xy xz yy yz zz), 11:17 Σ w C with C the covariances of the points; 17 the number of
+normals, 18:21 their sum; then for each feature k, from 21 + 3k, its weight, Σ w s and Σ w s².
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._jit import inlined, kernel
+
+GEOMETRY, NORMALS = 21, 17
+_SINGULAR = 1e-4  # of the trace: what keeps noise along rays alone invertible
+_ROUNDS = 10  # of changing sides; most faces have settled after 4
+_LEAST_GAIN = 1e-9  # of energy: no face goes to and fro by rounding
+_BEND = 0.03  # mean of sin² between noisy normals of one flat region: 10 degrees
+
+
+@inlined
+def _least_eigenvalue(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+    """Of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], in closed form; not below 0."""
+    q = (a + d + f) / 3
+    p = math.sqrt(((a - q) ** 2 + (d - q) ** 2 + (f - q) ** 2 + 2 * (b * b + c * c + e * e)) / 6)
+    if p <= 0:
+        return max(q, 0.0)
+    a, b, c, d, e, f = (a - q) / p, b / p, c / p, (d - q) / p, e / p, (f - q) / p
+    half = (a * (d * f - e * e) - b * (b * f - e * c) + c * (b * e - d * c)) / 2
+    return max(q + 2 * p * math.cos(math.acos(min(1.0, max(-1.0, half))) / 3 + 2 * math.pi / 3), 0.0)
+
+
+@kernel
+def off_plane(s):  # type: ignore[no-untyped-def]
+    """Mean square distance of points to their best plane over that which their covariances let expect.
+
+    It is the least λ of S n = λ C n, with scatter S = L (..) Lᵀ seen in the frame where C = L Lᵀ is one.
+    """
+    w = s[1]
+    if w <= 0:
+        return 0.0
+    x, y, z = s[2] / w, s[3] / w, s[4] / w
+    a, b, c = s[5] - w * x * x, s[6] - w * x * y, s[7] - w * x * z
+    d, e, f = s[8] - w * y * y, s[9] - w * y * z, s[10] - w * z * z
+    more = _SINGULAR * (s[11] + s[14] + s[16])
+    l11 = math.sqrt(s[11] + more)
+    l21, l31 = s[12] / l11, s[13] / l11
+    l22 = math.sqrt(max(s[14] + more - l21 * l21, more))
+    l32 = (s[15] - l31 * l21) / l22
+    l33 = math.sqrt(max(s[16] + more - l31 * l31 - l32 * l32, more))
+    i11, i22, i33 = 1 / l11, 1 / l22, 1 / l33
+    i21, i32 = -l21 * i11 * i22, -l32 * i22 * i33
+    i31 = (l21 * l32 - l31 * l22) * i11 * i22 * i33
+    y1, y2 = a * i21 + b * i22, b * i21 + d * i22
+    z1, z2, z3 = a * i31 + b * i32 + c * i33, b * i31 + d * i32 + e * i33, c * i31 + e * i32 + f * i33
+    m22, m23, m33 = i21 * y1 + i22 * y2, i21 * z1 + i22 * z2, i31 * z1 + i32 * z2 + i33 * z3
+    return _least_eigenvalue(i11 * i11 * a, i11 * y1, i11 * z1, m22, m23, m33)
+
+
+@kernel
+def energy(s, weight, floor):  # type: ignore[no-untyped-def]
+    """What a region costs: how far it is from one plane, one normal, and one value of each feature."""
+    total = s[0] * math.log(1 + off_plane(s)) if s[0] > 0 else 0.0
+    if s[17] > 0:
+        turned = 1 - (s[18] * s[18] + s[19] * s[19] + s[20] * s[20]) / (s[17] * s[17])
+        total += s[17] * math.log(1 + max(turned, 0.0) / _BEND)
+    for k in range(weight.shape[0]):
+        n = s[GEOMETRY + 3 * k]
+        if n > 0:
+            mean = s[GEOMETRY + 3 * k + 1] / n
+            total += weight[k] * n * math.log(1 + max(s[GEOMETRY + 3 * k + 2] / n - mean * mean, 0.0) / floor[k])
+    return total
+
+
+@kernel
+def pairs_at_edges(face_edges, n_edges):  # type: ignore[no-untyped-def]
+    """Faces that meet at an edge, (P, 2), and the edge (P,); k faces at one edge give k - 1 pairs."""
+    last = np.full(n_edges, -1)
+    pairs, edge = np.empty((3 * face_edges.shape[0], 2), np.int64), np.empty(3 * face_edges.shape[0], np.int64)
+    count = 0
+    for f in range(face_edges.shape[0]):
+        for side in range(3):
+            e = face_edges[f, side]
+            if last[e] >= 0:
+                pairs[count, 0], pairs[count, 1], edge[count] = last[e], f, e
+                count += 1
+            last[e] = f
+    return pairs[:count], edge[:count]
+
+
+@kernel
+def add_corners(faces, xyz, covariance, share, sums):  # type: ignore[no-untyped-def]
+    """Add the points of each face to its row of sums, each by its `share`: one over the faces that it has."""
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            v = faces[f, corner]
+            add_point(xyz[v], covariance[v], share[v], sums[f])
+
+
+@kernel
+def add_point(x, C, share, s):  # type: ignore[no-untyped-def]
+    """Add one point to a row of sums; a point without a position, of share 0, changes nothing."""
+    if share <= 0:
+        return
+    w = share / (C[0, 0] + C[1, 1] + C[2, 2])
+    s[0] += share
+    s[1] += w
+    k = 0
+    for i in range(3):
+        s[2 + i] += w * x[i]
+        for j in range(i, 3):
+            s[5 + k] += w * x[i] * x[j]
+            s[11 + k] += w * C[i, j]
+            k += 1
+
+
+@kernel
+def ring_spread(edges, xyz, degree):  # type: ignore[no-untyped-def]
+    """Standard deviation of each vertex and its neighbours off their best plane; -1 where they are fewer than 5."""
+    sums, out, even = np.zeros((xyz.shape[0], GEOMETRY)), np.full(xyz.shape[0], -1.0), np.eye(3) / 3
+    for i in range(xyz.shape[0]):
+        add_point(np.zeros(3), even, 1.0, sums[i])
+    for e in range(edges.shape[0]):
+        for side in range(2):
+            i, j = edges[e, side], edges[e, 1 - side]
+            add_point(xyz[j] - xyz[i], even, 1.0, sums[i])
+    for i in range(xyz.shape[0]):
+        if degree[i] >= 4:
+            out[i] = math.sqrt(off_plane(sums[i]) / 3 * (degree[i] + 1) / (degree[i] - 2))
+    return out
+
+
+@kernel
+def merge_tree(sums, pairs, length, weight, floor):  # type: ignore[no-untyped-def]
+    """All merges of neighbouring regions, down to one for each component: parent of each region and when it merges.
+
+    In each round two regions merge which are each other's best: those whose union costs least more than both, for each
+    edge between them. A merge is not earlier than those it builds on, so that later cuts join more, and only more.
+    """
+    n, columns = sums.shape
+    rows, cost = np.zeros((2 * n, columns)), np.empty(pairs.shape[0])
+    rows[:n] = sums
+    own, parent, height = np.empty(2 * n), np.full(2 * n, -1), np.zeros(2 * n)
+    for i in range(n):
+        own[i] = energy(rows[i], weight, floor)
+    a, b, shared = pairs[:, 0].copy(), pairs[:, 1].copy(), length.copy()
+    is_new, best, count = np.ones(2 * n, np.bool_), np.full(2 * n, -1), n
+    while a.shape[0] > 0:
+        _price(a, b, shared, rows, own, is_new, weight, floor, cost)
+        _choose(a, b, shared, cost, best)
+        is_new[:] = False
+        for k in range(a.shape[0]):
+            if best[a[k]] == k and best[b[k]] == k:
+                rows[count] = rows[a[k]] + rows[b[k]]
+                own[count] = energy(rows[count], weight, floor)
+                height[count] = max(cost[k], height[a[k]], height[b[k]])
+                parent[a[k]] = parent[b[k]] = count
+                is_new[count] = True
+                count += 1
+        a, b, shared, cost = _join(a, b, shared, cost, parent)
+    return parent[:count], height[:count]
+
+
+@kernel
+def _price(a, b, shared, rows, own, is_new, weight, floor, cost):  # type: ignore[no-untyped-def]
+    """Cost of merging each pair of which one is new."""
+    for k in range(a.shape[0]):
+        if is_new[a[k]] or is_new[b[k]]:
+            both = rows[a[k]] + rows[b[k]]
+            cost[k] = (energy(both, weight, floor) - own[a[k]] - own[b[k]]) / shared[k]
+
+
+@kernel
+def _choose(a, b, shared, cost, best):  # type: ignore[no-untyped-def]
+    """Each region's best pair: the cheapest; of equals the one that shares most, then the first."""
+    for k in range(a.shape[0]):
+        best[a[k]] = best[b[k]] = -1
+    for k in range(a.shape[0]):
+        for i in (a[k], b[k]):
+            p = best[i]
+            if p < 0 or cost[k] < cost[p] or (cost[k] == cost[p] and shared[k] > shared[p]):
+                best[i] = k
+
+
+@kernel
+def _join(a, b, shared, cost, parent):  # type: ignore[no-untyped-def]
+    """Pairs of the regions that are left, each once, by number."""
+    keys, kept, size = np.empty(a.shape[0], np.int64), np.empty(a.shape[0], np.int64), parent.shape[0]
+    m = 0
+    for k in range(a.shape[0]):
+        i = parent[a[k]] if parent[a[k]] >= 0 else a[k]
+        j = parent[b[k]] if parent[b[k]] >= 0 else b[k]
+        if i != j:
+            keys[m], kept[m] = min(i, j) * size + max(i, j), k
+            m += 1
+    order = np.argsort(keys[:m], kind="mergesort")
+    first, second, length, price = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
+    q = 0
+    for p in range(m):
+        key, k = keys[order[p]], kept[order[p]]
+        if q > 0 and first[q - 1] * size + second[q - 1] == key:
+            length[q - 1] += shared[k]
+        else:
+            first[q], second[q], length[q], price[q] = key // size, key % size, shared[k], cost[k]
+            q += 1
+    return first[:q].copy(), second[:q].copy(), length[:q].copy(), price[:q].copy()
+
+
+@kernel
+def cut_tree(parent, height, n, limit):  # type: ignore[no-untyped-def]
+    """Region of each of n elements after all merges up to `limit`, numbered by its first element."""
+    top, number = np.arange(parent.shape[0]), np.full(parent.shape[0], -1)
+    labels, count = np.empty(n, np.int32), 0
+    for i in range(parent.shape[0] - 1, -1, -1):
+        if parent[i] >= 0 and height[parent[i]] <= limit:
+            top[i] = top[parent[i]]
+    for i in range(n):
+        if number[top[i]] < 0:
+            number[top[i]] = count
+            count += 1
+        labels[i] = number[top[i]]
+    return labels, count
+
+
+@kernel
+def neighbours_of(n, pairs):  # type: ignore[no-untyped-def]
+    """CSR rows: the other faces of each face's pairs, and which pair it is."""
+    first = np.zeros(n + 1, np.int64)
+    for k in range(pairs.shape[0]):
+        first[pairs[k, 0] + 1] += 1
+        first[pairs[k, 1] + 1] += 1
+    first[:] = np.cumsum(first)
+    fill, near, pair = first[:-1].copy(), np.empty(first[n], np.int64), np.empty(first[n], np.int64)
+    for k in range(pairs.shape[0]):
+        for side in range(2):
+            f = pairs[k, side]
+            near[fill[f]], pair[fill[f]] = pairs[k, 1 - side], k
+            fill[f] += 1
+    return first, near, pair
+
+
+@kernel
+def settle(labels, count, sums, graph, length, smooth, weight, floor):  # type: ignore[no-untyped-def]
+    """Let faces at borders change sides, in place, while that lowers energies plus `smooth` times the borders.
+
+    Only a face that hangs on its region by one neighbour may leave it, so that no region falls apart or vanishes. In
+    each round the largest gains go first, whatever the faces' numbers are.
+    """
+    rows, own = np.zeros((count, sums.shape[1])), np.empty(count)
+    for f in range(labels.shape[0]):
+        rows[labels[f]] += sums[f]
+    for r in range(count):
+        own[r] = energy(rows[r], weight, floor)
+    for _ in range(_ROUNDS):
+        gains, movers = np.empty(labels.shape[0]), np.empty(labels.shape[0], np.int64)
+        m = 0
+        for f in range(labels.shape[0]):
+            gain, to = _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor)
+            if to >= 0:
+                gains[m], movers[m] = gain, f
+                m += 1
+        moved = False
+        for p in np.argsort(-gains[:m], kind="mergesort"):
+            f = movers[p]
+            gain, to = _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor)
+            if to >= 0:
+                at = labels[f]
+                rows[at] -= sums[f]
+                rows[to] += sums[f]
+                own[at], own[to] = energy(rows[at], weight, floor), energy(rows[to], weight, floor)
+                labels[f], moved = to, True
+        if not moved:
+            break
+
+
+@kernel
+def _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor):  # type: ignore[no-untyped-def]
+    """How much is gained when a face goes to the best of its neighbours' regions, and to which; -1 to none."""
+    first, near, pair = graph
+    inside, at, kept = 0, labels[f], 0.0
+    for p in range(first[f], first[f + 1]):
+        if labels[near[p]] == at:
+            inside += 1
+            kept += length[pair[p]]
+    if inside != 1 or first[f + 1] - first[f] == 1:
+        return 0.0, -1
+    least, to = _LEAST_GAIN, -1
+    without = own[at] - energy(rows[at] - sums[f], weight, floor)
+    for p in range(first[f], first[f + 1]):
+        other = labels[near[p]]
+        if other == at or other == to:
+            continue
+        won = 0.0
+        for q in range(first[f], first[f + 1]):
+            won += length[pair[q]] if labels[near[q]] == other else 0.0
+        gain = without - (energy(rows[other] + sums[f], weight, floor) - own[other]) + smooth * (won - kept)
+        if gain > least:
+            least, to = gain, other
+    return least, to
+
+
+@kernel
+def grow_discs(faces, face_edges, graph, n, n_edges, labels):  # type: ignore[no-untyped-def]
+    """Cut regions into discs: labels, numbered by their first faces.
+
+    A face joins a disc by one side whose opposite corner is new to it, or by two sides: then what they share with the
+    disc is a path, and a disc it stays.
+    """
+    first, near, _ = graph
+    discs, at_vertex, at_edge = np.full(labels.shape[0], -1, np.int32), np.full(n, -1), np.full(n_edges, -1)
+    queue, count = np.empty(4 * labels.shape[0] + 1, np.int64), 0
+    for seed in range(labels.shape[0]):
+        if discs[seed] >= 0:
+            continue
+        queue[0], head, stop = seed, 0, 1
+        while head < stop:
+            f = queue[head]
+            head += 1
+            sides, corners = 0, 0
+            for k in range(3):
+                sides += at_edge[face_edges[f, k]] == count
+                corners += at_vertex[faces[f, k]] == count
+            if discs[f] >= 0 or not (f == seed or (sides == 1 and corners == 2) or sides == 2):
+                continue
+            discs[f] = count
+            for k in range(3):
+                at_vertex[faces[f, k]] = at_edge[face_edges[f, k]] = count
+            for p in range(first[f], first[f + 1]):
+                if discs[near[p]] < 0 and labels[near[p]] == labels[f]:
+                    queue[stop] = near[p]
+                    stop += 1
+        count += 1
+    return discs

@@ -1,0 +1,328 @@
+"""Segment a surface: neighbouring faces that lie in one plane, or look alike, become one region."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._checks import real_array, require, told
+from ..errors import InputError
+from ..topology.complex import Complex
+from ..types import Bank, BoolArray, FloatArray, Response, Signals
+
+Labels = NDArray[np.int32]
+
+MERGE = 5.0  # energy for each edge between two regions up to which they merge at scale 1: seeds 100 to 104
+LUMINANCE = 0.1  # weight of a face's luminance beside the weight 1 of a point: leaves in a texture are many faces wide
+TEXTURE = 0.03  # weight of all responses together
+DARKEST = 1e-3  # variance of luminance, (3 %)², below which a region is of one colour
+EVEN = 0.05  # of a response's variance over the complex: below it a region has one texture
+LEAST_NOISE = 0.02  # of the mean length of edges at a vertex: positions without a covariance are not better known
+NOT_UNIT = 1e-3  # off 1: rounding to float32 and to text stays within
+SMOOTH = 0.1  # of the merging threshold: what an edge of border costs when faces change sides
+
+
+class _Evidence(NamedTuple):
+    """Sums of each face, and the weight and floor of each feature in them."""
+
+    sums: FloatArray
+    weight: FloatArray
+    floor: FloatArray
+
+
+def segment(
+    complex_: Complex,
+    signals: Signals,
+    response: Response | Bank | None = None,
+    normals: ArrayLike | None = None,
+    scale: float = 1.0,
+    *,
+    xyz: ArrayLike | None = None,
+    covariance: ArrayLike | None = None,
+) -> Labels:
+    """Group faces into connected regions of one plane, one luminance and one texture each.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        Triangles.
+    signals : Signals
+        Luminance on the complex, (n,) or (n, C); what is marked is not looked at.
+    response : Response or Bank, optional
+        Texture: magnitudes at the vertices; where it is not defined it is not looked at.
+    normals : (F, 3) or (N, 3) float array, optional
+        Unit normals of faces or of vertices (of faces, if there are as many); NaN where not known. Regions then have
+        one normal.
+    scale : float
+        Above 0; larger gives fewer regions, and those of a smaller one are never split: two neighbours merge if the
+        energy that this costs, for each edge between them, is at most 5 times `scale`.
+    xyz : (N, 3) float array, optional
+        Positions, any unit; NaN where not known. Regions are then planes.
+    covariance : (N, 3, 3) float array, optional
+        Of `xyz`, its unit squared: ``cloud.covariance``. Without it, the noise is measured on the surface itself.
+
+    Returns
+    -------
+    (F,) int32
+        Regions 0..k-1, numbered by their first faces. Each is connected over edges.
+
+    Raises
+    ------
+    InputError
+        If an argument is not as described.
+
+    Notes
+    -----
+    The energy of a region of n points, of mean square distance λ to its best plane (in units of their noise), and of
+    variances v of luminance is ``n log(1 + λ) + 0.1 m log(1 + v / 0.001)`` with m its pixels over the mean pixels of a
+    face; responses and normals add like terms. A face without any signal goes where it costs nothing.
+
+    `merge_cells` wants discs; a region may have holes. `disc_labels` cuts it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tspslam import build_complex, sample_signals
+    >>> image = np.zeros((9, 21)); image[:, 10:] = 1
+    >>> uv = np.stack(np.meshgrid(np.arange(0, 21, 2), np.arange(0, 9, 2)), axis=-1).reshape(-1, 2)
+    >>> corner = np.arange(44).reshape(4, 11)[:, :10].ravel()
+    >>> faces = np.concatenate([np.stack([corner, corner + 1, corner + 12], 1),
+    ...                         np.stack([corner, corner + 12, corner + 11], 1)])
+    >>> complex_ = build_complex(faces, 55)
+    >>> segment(complex_, sample_signals(image, uv, complex_)).max() + 1
+    np.int32(2)
+    """
+    from . import _segment
+
+    _check_complex(complex_, signals)
+    limit = MERGE * _checked_scale(scale)
+    evidence = _gathered(complex_, signals, response, normals, _positions(complex_, xyz, covariance))
+    pairs, _ = _segment.pairs_at_edges(complex_.face_edges, len(complex_.edges))
+    length = np.ones(len(pairs))
+    labels, count = _segment.cut_tree(
+        *_segment.merge_tree(evidence[0], pairs, length, *evidence[1:]), len(complex_.faces), limit
+    )
+    graph = _segment.neighbours_of(len(labels), pairs)
+    _segment.settle(labels, count, evidence.sums, graph, length, SMOOTH * limit, *evidence[1:])
+    return _numbered(labels)
+
+
+def disc_labels(complex_: Complex, labels: ArrayLike) -> Labels:
+    """Cut regions into discs, as `merge_cells` wants them: rings, closed surfaces and scattered faces fall into several.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        Triangles.
+    labels : (F,) integers
+        Regions.
+
+    Returns
+    -------
+    (F,) int32
+        Discs 0..k-1, numbered by their first faces; each lies within one region.
+
+    Raises
+    ------
+    InputError
+        If the complex has cells already, or the labels do not fit.
+
+    Examples
+    --------
+    >>> from tspslam import build_complex, merge_cells
+    >>> tetrahedron = build_complex([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]], 4)
+    >>> labels = disc_labels(tetrahedron, [0, 0, 0, 0])
+    >>> labels.tolist(), len(merge_cells(tetrahedron, labels).faces)
+    ([0, 0, 0, 1], 2)
+    """
+    from . import _segment
+
+    _check_triangles(complex_)
+    values: NDArray[Any] = np.asarray(labels)
+    if values.shape != (len(complex_.faces),) or (values.size and values.dtype.kind not in "iu"):
+        raise InputError(f"labels are {told(values)}, expected ({len(complex_.faces)},) integers")
+    pairs, _ = _segment.pairs_at_edges(complex_.face_edges, len(complex_.edges))
+    graph = _segment.neighbours_of(len(values), pairs)
+    named = np.unique(values, return_inverse=True)[1].astype(np.int64)
+    discs: Labels = _segment.grow_discs(
+        complex_.faces, complex_.face_edges, graph, complex_.n, len(complex_.edges), named
+    )
+    return discs
+
+
+def _numbered(labels: Labels) -> Labels:
+    """Labels renamed in the order in which they first occur."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse].astype(np.int32)
+
+
+def _check_triangles(complex_: Complex) -> None:
+    require(complex_, Complex, "complex_")
+    if not isinstance(complex_.faces, np.ndarray):
+        raise InputError("complex: its faces are polygons, expected triangles")
+
+
+def _check_complex(complex_: Complex, signals: Signals) -> None:
+    _check_triangles(complex_)
+    require(signals, Signals, "signals")
+    found, wanted = (len(signals.vertex), len(signals.face)), (complex_.n, len(complex_.faces))
+    if found != wanted:
+        raise InputError(
+            f"signals are on {found[0]} vertices and {found[1]} faces, expected {wanted[0]} and {wanted[1]}"
+        )
+    if not np.isfinite(signals.face).all():
+        raise InputError("signals: face has values that are not finite, expected numbers; mark unknown ones by face_ok")
+
+
+def _checked_scale(scale: float) -> float:
+    value = real_array(scale, "scale", "one")
+    if value.ndim or not (np.isfinite(value) and value > 0):
+        raise InputError(f"scale is {scale!r:.60}, expected a number above 0")
+    return float(value)
+
+
+class _Points(NamedTuple):
+    """Positions, their covariances, and which are known."""
+
+    xyz: FloatArray
+    covariance: FloatArray
+    known: BoolArray
+
+
+def _checked_rows(values: ArrayLike, what: str, shapes: tuple[tuple[int, ...], ...]) -> tuple[FloatArray, BoolArray]:
+    """Finite rows, those with NaN set to 0, and which had none."""
+    expected = " or ".join(str(shape) for shape in shapes)
+    rows = real_array(values, what, expected).astype(np.float64)
+    if rows.shape not in shapes:
+        raise InputError(f"{what} has shape {rows.shape}, expected {expected}")
+    known = ~np.isnan(rows.reshape(len(rows), -1)).any(axis=1)
+    bad = np.flatnonzero(np.isinf(rows.reshape(len(rows), -1)).any(axis=1))
+    if len(bad):
+        raise InputError(f"{what}: row {bad[0]} is infinite, expected numbers, or NaN where not known")
+    rows[~known] = 0
+    return rows, known
+
+
+def _positions(complex_: Complex, xyz: ArrayLike | None, covariance: ArrayLike | None) -> _Points | None:
+    """Positions about their middle, with the covariance that was given or measured."""
+    if xyz is None:
+        if covariance is not None:
+            raise InputError("covariance is given without xyz, expected the positions that it belongs to")
+        return None
+    points, known = _checked_rows(xyz, "xyz", ((complex_.n, 3),))
+    points = np.where(known[:, None], points - points[known].mean(axis=0), 0) if known.any() else points
+    length, rough = _roughness(complex_, points, known)
+    if covariance is None:
+        noise, surely = np.zeros((complex_.n, 3, 3)), known
+        least = np.maximum(rough, LEAST_NOISE) * length
+    else:
+        noise, surely = _checked_rows(covariance, "covariance", ((complex_.n, 3, 3),))
+        if (np.trace(noise, axis1=1, axis2=2) < 0).any() or (np.diagonal(noise, axis1=1, axis2=2) < 0).any():
+            raise InputError("covariance has negative variances, expected symmetric positive matrices")
+        least = 1e-3 * length  # of known noise nothing is added; none at all would weigh without bound
+    return _Points(points, noise + (least**2)[:, None, None] * np.eye(3), known & surely & (length > 0))
+
+
+def _roughness(complex_: Complex, xyz: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
+    """Mean length of the edges at each vertex, and the noise along normals in these lengths: one for the surface."""
+    from . import _segment
+
+    edges = complex_.edges[known[complex_.edges].all(axis=1)]
+    degree = np.bincount(edges.ravel(), minlength=complex_.n)
+    length = np.repeat(np.linalg.norm(xyz[edges[:, 0]] - xyz[edges[:, 1]], axis=1), 2)
+    span = np.bincount(edges.ravel(), length, complex_.n) / np.maximum(degree, 1)
+    spread = _segment.ring_spread(edges, xyz, degree)
+    inner = (spread >= 0) & (span > 0)
+    return span, float(np.median(spread[inner] / span[inner])) if inner.any() else 0.0
+
+
+def _gathered(
+    complex_: Complex,
+    signals: Signals,
+    response: Response | Bank | None,
+    normals: ArrayLike | None,
+    points: _Points | None,
+) -> _Evidence:
+    """All that is known of each face."""
+    from . import _segment
+
+    features = [*_luminance(signals), *_textures(complex_, response)]
+    sums = np.zeros((len(complex_.faces), _segment.GEOMETRY + 3 * len(features)))
+    if points is not None:
+        share = points.known / np.maximum(np.bincount(complex_.faces.ravel(), minlength=complex_.n), 1)
+        _segment.add_corners(complex_.faces, points.xyz, points.covariance, share, sums)
+    if normals is not None:
+        sums[:, _segment.NORMALS : _segment.GEOMETRY] = _checked_normals(complex_, normals)
+    for k, feature in enumerate(features):
+        at = _segment.GEOMETRY + 3 * k
+        sums[:, at : at + 3] = feature.count[:, None] * np.stack(
+            [np.ones(len(sums)), feature.value, feature.value**2], 1
+        )
+    weight, floor = (
+        np.array([feature.weight for feature in features]),
+        np.array([feature.floor for feature in features]),
+    )
+    return _Evidence(sums, weight, floor)
+
+
+class _Feature(NamedTuple):
+    """A value of each face, how much it counts, 0 where it is not known, its weight and its variance in one region."""
+
+    value: FloatArray
+    count: FloatArray
+    weight: float
+    floor: float
+
+
+def _luminance(signals: Signals) -> list[_Feature]:
+    """Means of faces, which count by their pixels; those of less than one pixel, as if they had one."""
+    ok = signals.face_ok
+    pixels = np.where(ok, np.maximum(signals.face_pixels, 1), 0).astype(np.float64)
+    count = pixels / max(pixels[ok].mean(), 1) if ok.any() else pixels
+    channels = signals.face.reshape(len(ok), -1).T if len(ok) else np.zeros((0, 0))
+    return [_Feature(np.ascontiguousarray(values), count, LUMINANCE / len(channels), DARKEST) for values in channels]
+
+
+def _textures(complex_: Complex, response: Response | Bank | None) -> list[_Feature]:
+    """Mean magnitudes over the corners of each face where they are defined."""
+    if response is None:
+        return []
+    if not isinstance(response, Response | Bank):
+        raise InputError(
+            f"response is {told(response)}, expected a Response or a Bank, such as tspslam.tmahf_bank gives"
+        )
+    if len(response.z) != complex_.n:
+        raise InputError(f"response is at {len(response.z)} vertices, expected {complex_.n}")
+    magnitude = np.abs(response.z).reshape(complex_.n, -1)
+    defined = np.broadcast_to(
+        response.defined.reshape(response.defined.shape + (1,) * (response.z.ndim - response.defined.ndim)),
+        response.z.shape,
+    ).reshape(complex_.n, -1)
+    return [
+        _texture(complex_, *column, TEXTURE / magnitude.shape[1]) for column in zip(magnitude.T, defined.T, strict=True)
+    ]
+
+
+def _texture(complex_: Complex, magnitude: FloatArray, defined: BoolArray, weight: float) -> _Feature:
+    corners = defined[complex_.faces]
+    value = np.where(corners, magnitude[complex_.faces], 0).sum(axis=1) / np.maximum(corners.sum(axis=1), 1)
+    count = (corners.sum(axis=1) / 3).astype(np.float64)
+    spread = float(value[count > 0].var()) if (count > 0).any() else 0.0
+    return _Feature(value, count, weight, max(EVEN * spread, np.finfo(float).tiny))
+
+
+def _checked_normals(complex_: Complex, normals: ArrayLike) -> FloatArray:
+    """How many normals each face has, 0 or 1, and the normal, (F, 4)."""
+    faces = complex_.faces
+    rows, known = _checked_rows(normals, "normals", ((len(faces), 3), (complex_.n, 3)))
+    bad = np.flatnonzero(known & (np.abs(np.linalg.norm(rows, axis=1) - 1) > NOT_UNIT))
+    if len(bad):
+        raise InputError(f"normals: row {bad[0]} has length {np.linalg.norm(rows[bad[0]]):.4g}, expected 1")
+    if len(rows) != len(faces):
+        rows = rows[faces].sum(axis=1)
+        size = np.linalg.norm(rows, axis=1)
+        known = size > NOT_UNIT
+        rows /= np.where(known, size, 1)[:, None]
+    return np.column_stack([known, rows * known[:, None]])
