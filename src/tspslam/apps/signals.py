@@ -19,7 +19,9 @@ LEVELS = ("vertex", "edge", "face")
 BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, over all places in a pixel
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
-TEXTURE = 0.45  # share of what edges show more than vertices that is texture in the vertices too: development photographs
+TEXTURE = (
+    0.45  # share of what edges show more than vertices that is texture in the vertices too: development photographs
+)
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 FLOOR = 1e-3  # least contrast, as a share of the noise's variance: below it there is nothing to keep apart
 PILOT, STEPS, ROUNDS = 5, 4, 2  # steps of conjugate gradients evenly, then by steps, and how often: more gain nothing
@@ -412,7 +414,9 @@ def check_signals(complex_: Complex, signals: Signals) -> None:
     for level, count in zip(LEVELS, sizes, strict=True):
         values: FloatArray = getattr(signals, level)
         if values.shape != (count, *tail) or values.ndim > 2:
-            raise InputError(f"signals.{level} has shape {values.shape}, expected ({count},) or ({count}, C) as all levels")
+            raise InputError(
+                f"signals.{level} has shape {values.shape}, expected ({count},) or ({count}, C) as all levels"
+            )
         ok: BoolArray = checked_mask(getattr(signals, f"{level}_ok"), count)
         check_values(np.where(ok.reshape(-1, *[1] * len(tail)), values, 0.0), f"signals.{level}", level)
         if level != "vertex":
@@ -423,7 +427,9 @@ def _check_places(uv: FloatArray, pixels: NDArray[np.int32], ok: BoolArray, leve
     if uv.shape != (len(ok), 2) or pixels.shape != ok.shape:
         raise InputError(f"signals.{level}_uv, _pixels have shapes {uv.shape}, {pixels.shape}, expected {len(ok)} rows")
     if not (np.isfinite(uv[ok]).all() and (pixels >= 0).all()):
-        raise InputError(f"signals.{level}_uv, _pixels hold NaN, infinite or negative values, expected places and counts")
+        raise InputError(
+            f"signals.{level}_uv, _pixels hold NaN, infinite or negative values, expected places and counts"
+        )
 
 
 def _checked_uv(uv: ArrayLike, n: int, ok: BoolArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..apps.segment import segment
+from ..frame import Frame
 from .given import Given
 
 
@@ -32,7 +33,9 @@ def find_regions(given: Given, scale: float = 1.0) -> NDArray[np.int32]:
     InputError
         If the scale is none.
     """
-    return segment(given.complex_, given.signals, given.response, scale=scale, xyz=given.xyz)
+    shown = given.shown
+    covariance = shown.cloud.covariance if isinstance(shown, Frame) else getattr(shown, "covariance", None)
+    return segment(given.complex_, given.signals, given.response, scale=scale, xyz=given.xyz, covariance=covariance)
 
 
 def columns_of(labels: NDArray[np.int32], output: Path) -> dict[str, NDArray[Any]]:
