@@ -18,8 +18,10 @@ moved = np.linalg.norm(sharp.xyz - cloud.xyz, axis=1)
 print(f"signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points moved by {np.median(moved):.3f} m")
 
 regions = tspslam.segment(complex_, clean, bank, xyz=sharp.xyz)
-cells = tspslam.merge_cells(complex_, regions)
-print(f"{len(regions)} faces in {len(cells.faces)} regions; the largest has {np.bincount(regions).max()}")
+cells = tspslam.merge_cells(complex_, tspslam.disc_labels(complex_, regions))
+print(
+    f"{len(regions)} faces in {regions.max() + 1} regions, {len(cells.faces)} cells; the largest has {np.bincount(regions).max()}"
+)
 
 score, parts = tspslam.compare_quality((cloud.xyz, complex_, signals), (sharp.xyz, complex_, clean))
 print(f"before and after differ by {score:.3f}, most in {max(parts, key=parts.get)}")

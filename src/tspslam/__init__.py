@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .apps.recognise import compare_descriptors as compare_descriptors
     from .apps.recognise import describe as describe
     from .apps.recognise import find_places as find_places
+    from .apps.segment import disc_labels as disc_labels
     from .apps.segment import segment as segment
     from .apps.signals import denoise_signals as denoise_signals
     from .datasets.folder import read_pair as read_pair
@@ -156,7 +157,7 @@ _HOMES = {
     "apps.mesh": ("denoise_mesh",),
     "apps.quality": ("compare_features", "compare_quality", "quality_features"),
     "apps.recognise": ("compare_descriptors", "describe", "find_places"),
-    "apps.segment": ("segment",),
+    "apps.segment": ("disc_labels", "segment"),
     "apps.signals": ("denoise_signals",),
     "datasets.folder": ("read_pair",),
     "frame": ("Frame",),
