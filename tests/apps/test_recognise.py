@@ -204,23 +204,29 @@ def test_places_are_the_most_alike_pairs_that_are_apart_in_time():
     turn = np.radians([0, 10, 60, 90, 11, 3])
     found = find_places(np.column_stack([np.cos(turn), np.sin(turn)]), apart=3, least=0.5)
     assert isinstance(found, Places)
-    assert list(zip(found.first.tolist(), found.second.tolist(), strict=True)) == [
-        (1, 4),
-        (0, 5),
-        (1, 5),
-        (0, 4),
-        (2, 5),
-    ]
+    pairs = list(zip(found.first.tolist(), found.second.tolist(), strict=True))
+    assert pairs == [(1, 4), (0, 5), (1, 5), (0, 4)]
     assert (np.diff(found.score) <= 0).all()
     assert (found.second - found.first >= 3).all()
 
 
+def test_what_all_keyframes_share_tells_no_places_apart():
+    own = np.eye(60)[np.r_[:30, :30]]  # keyframe k + 30 is where k was
+    found = find_places(np.column_stack([np.ones(60), own]), apart=10)
+    assert (found.second[:30] - found.first[:30] == 30).all()
+    assert found.score[29] > 3 * found.score[30]
+
+
+def test_a_mean_is_taken_out_of_both_but_nothing_stays_nothing():
+    rows = np.array([[1.0, 1], [1, -1], [0, 0]])
+    assert compare_descriptors(rows, rows, mean=[1, 0]).round(6).tolist() == [[1, -1, 0], [-1, 1, 0], [0, 0, 0]]
+
+
 def test_words_are_added_and_only_the_later_keyframe_asks():
-    rows = np.eye(4)
     words = np.zeros((4, 4))
     words[3, 0], words[0, 2] = 0.5, 0.9
-    found = find_places(rows, apart=1, words=words, weight=0.1)
-    assert (found.first.tolist(), found.second.tolist(), found.score.tolist()) == ([0], [3], [0.5])
+    alone = find_places(np.zeros((4, 2)), apart=1, words=words)
+    assert (alone.first.tolist(), alone.second.tolist(), alone.score.tolist()) == ([0], [3], [0.5])
     alike = find_places(np.ones((4, 2)), apart=2, words=words, weight=0.1)
     np.testing.assert_allclose(alike.score, [0.6, 0.1, 0.1], atol=1e-6)
 
@@ -271,6 +277,7 @@ def test_bad_input_to_comparisons_is_one_clear_line():
         (lambda: compare_descriptors(rows, rows[:, :1]), "expected as many"),
         (lambda: compare_descriptors(rows[0], rows), "queries are float64"),
         (lambda: compare_descriptors(rows, [[np.nan, 1]]), "known are float64"),
+        (lambda: compare_descriptors(rows, rows, mean=[1, 2, 3]), "mean has shape"),
         (lambda: find_places(rows, apart=0), "apart is 0"),
         (lambda: find_places(rows, weight=-1), "weight is -1"),
         (lambda: find_places(rows, least=np.inf), "least is inf"),
