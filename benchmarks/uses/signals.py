@@ -1,6 +1,7 @@
-"""Denoising of signals, measured by the rules of docs/uses_protocol.rst: ``python -m benchmarks.uses.signals [--docs docs] [--quick]``.
+"""Signals denoised, by the rules of docs/uses_protocol.rst: ``python -m benchmarks.uses.signals [--docs docs] [--quick]``.
 
-Prints and, with ``--docs``, writes the table and the picture of the page. ``--quick``: development photographs, seed 100, n = 4 000.
+Prints and, with ``--docs``, writes the table and the picture of the page. ``--quick``: development photographs, seed
+100, n = 4 000.
 """
 
 from __future__ import annotations
@@ -76,7 +77,10 @@ def sampled(image, uv, complex_):
 def compare(uv, complex_, image, noisy_image, noise, filtered) -> dict[str, float]:
     """PSNR of ours less each rival's."""
     true, noisy = sampled(image, uv, complex_), sampled(noisy_image, uv, complex_)
-    got = {level: psnr(getattr(ours.denoise_signals(complex_, noisy, uv=uv), level), getattr(true, level)) for level in LEVELS}
+    got = {
+        level: psnr(getattr(ours.denoise_signals(complex_, noisy, uv=uv), level), getattr(true, level))
+        for level in LEVELS
+    }
     graph = ours.build_graph(complex_, noisy, uv)
     values = graph.pack(noisy)[0]
     s, t = noisy.vertex, true.vertex
@@ -116,7 +120,10 @@ def measure(names, sizes, seeds):
                     uv, complex_ = random_complex(image, n, seed)
                     rows.append((name, n, seed, noise, compare(uv, complex_, image, noisy, noise, filtered)))
             shown = rows[-1][-1]
-            print(f"{time.perf_counter() - begun:5.0f} s {name}, seed {seed}, last: {shown['heat']:.2f} dB over heat", flush=True)
+            print(
+                f"{time.perf_counter() - begun:5.0f} s {name}, seed {seed}, last: {shown['heat']:.2f} dB over heat",
+                flush=True,
+            )
     return rows
 
 
@@ -128,7 +135,9 @@ def little_noise(names) -> list[str]:
         for n in SIZES:
             uv, complex_ = random_complex(image, n, 0)
             s, t = sampled(noisy, uv, complex_), sampled(image, uv, complex_)
-            gains.append((psnr(ours.denoise_signals(complex_, s, uv=uv).vertex, t.vertex) - psnr(s.vertex, t.vertex), name, n))
+            gains.append(
+                (psnr(ours.denoise_signals(complex_, s, uv=uv).vertex, t.vertex) - psnr(s.vertex, t.vertex), name, n)
+            )
             clean.append((psnr(ours.denoise_signals(complex_, t, uv=uv).vertex, t.vertex), name, n))
     mean = np.mean([gain for gain, *_ in gains])
     say = "{0:.2f} dB ({1}, n = {2})"
@@ -153,7 +162,8 @@ def stereo_complexes() -> list[str]:
             ok = true.vertex_ok
             heat = best(rivals.heat(frame.complex_.L0, noisy.vertex), true.vertex)
             own, raw = psnr(got.vertex[ok], true.vertex[ok]), psnr(noisy.vertex[ok], true.vertex[ok])
-            lines.append(f"{pair.name} ({frame.complex_.n} vertices), noise {noise}: {own - heat:+.2f} dB over heat, {own - raw:+.2f} over noisy")
+            gains = f"{own - heat:+.2f} dB over heat, {own - raw:+.2f} over noisy"
+            lines.append(f"{pair.name} ({frame.complex_.n} vertices), noise {noise}: {gains}")
     return lines
 
 
@@ -164,7 +174,9 @@ def speed() -> str:
     noisy = sampled(image + 0.1 * np.random.default_rng(0).normal(size=image.shape), uv, complex_)
     fresh = lambda: replace(complex_)  # noqa: E731 - nothing that it keeps
     mine, heat, _ = paired(
-        lambda: ours.denoise_signals(fresh(), noisy, uv=uv), lambda: tspslam.heat_filter(fresh().L0, noisy.vertex, 1.0), 7
+        lambda: ours.denoise_signals(fresh(), noisy, uv=uv),
+        lambda: tspslam.heat_filter(fresh().L0, noisy.vertex, 1.0),
+        7,
     )
     return f"20 000 vertices: {1e3 * mine:.0f} ms; heat on their L0 alone {1e3 * heat:.0f} ms"
 
@@ -200,7 +212,9 @@ def draw(path: Path) -> None:
     """A piece of Motorcycle on 20 000 vertices: clean, noisy, heat with the oracle's t, ours."""
     _, image = next(photographs(("motorcycle",)))
     uv, complex_ = random_complex(image, 20_000, 0)
-    true, noisy = (sampled(i, uv, complex_) for i in (image, image + 0.1 * np.random.default_rng(0).normal(size=image.shape)))
+    true, noisy = (
+        sampled(i, uv, complex_) for i in (image, image + 0.1 * np.random.default_rng(0).normal(size=image.shape))
+    )
     heat = max(rivals.heat(complex_.L0, noisy.vertex), key=lambda x: psnr(x, true.vertex))
     panels = {"true": true.vertex, "noisy, 0.1": noisy.vertex, "heat, oracle t": heat,
               "denoise_signals": ours.denoise_signals(complex_, noisy, uv=uv).vertex}  # fmt: skip

@@ -1,8 +1,8 @@
-"""Fits the constants of `tspslam.apps.signals` on development photographs, and prints them: ``python -m benchmarks.uses.signals_fit``.
+"""Fits the constants of `tspslam.apps.signals` on development photographs: ``python -m benchmarks.uses.signals_fit``.
 
-Pieces of the photographs with about 1 500 vertices, as dense as 4 000 and 20 000 in the whole, noise of 0.01 to 0.2. What is
-raised: mean PSNR, vertices 1, edges and faces 1/4 each, less 2 for each dB that vertices fall below the noisy ones. Then the
-same for the rival on vertices alone (``--vertices``: only this).
+Pieces of the photographs with about 1 500 vertices, as dense as 4 000 and 20 000 in the whole, noise of 0.01 to 0.2.
+What is raised: mean PSNR, vertices 1, edges and faces 1/4 each, less 2 for each dB that vertices fall below the noisy
+ones. Then the same for the rival on vertices alone (``--vertices``: only this).
 """
 
 from __future__ import annotations

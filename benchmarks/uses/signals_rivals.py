@@ -1,6 +1,6 @@
-"""What the denoising of signals is held against: filters of the vertices, of each level, of the image, each at its best.
+"""What the denoising of signals is held against: filters of vertices, of each level, of the image, each at its best.
 
-A rival with a parameter is a dictionary of its results, one a value, or a generator of them; `best` picks on the truth.
+A rival with a parameter gives its results one after another; `best` picks on the truth.
 """
 
 from __future__ import annotations

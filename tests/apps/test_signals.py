@@ -135,7 +135,9 @@ def test_channels_are_denoised_each_by_itself():
     complex_, uv, _, noisy = noisy_scene(channels=2, n=300, size=90)
     got = denoise_signals(complex_, noisy, uv=uv)
     for c in range(2):
-        one = denoise_signals(complex_, replace(noisy, **{level: getattr(noisy, level)[:, c] for level in LEVELS}), uv=uv)
+        one = denoise_signals(
+            complex_, replace(noisy, **{level: getattr(noisy, level)[:, c] for level in LEVELS}), uv=uv
+        )
         for level in LEVELS:
             np.testing.assert_array_equal(getattr(got, level)[:, c], getattr(one, level))
 
@@ -184,7 +186,12 @@ def small_graph(seed=0):
 
 
 def weights_of(graph):
-    return np.empty(graph.edges.shape), np.empty(graph.faces.shape), np.empty(graph.faces.shape), np.empty(len(graph.pairs))
+    return (
+        np.empty(graph.edges.shape),
+        np.empty(graph.faces.shape),
+        np.empty(graph.faces.shape),
+        np.empty(len(graph.pairs)),
+    )
 
 
 def test_steps_end_at_the_solution_of_the_system_and_components_are_separate():
@@ -237,7 +244,9 @@ def test_a_ramp_has_its_own_slope_at_every_vertex():
     ramp = graph.places @ (0.3, -0.2)
     _signals.fit_slopes(ramp, graph.own, graph.places, graph.edges, graph.faces, slope)
     inside = np.setdiff1d(np.arange(complex_.n), Delaunay(uv).convex_hull)
-    flattened = slope[inside] @ np.array([0.3, -0.2]) / 0.13  # a ridge of 2 % flattens it, the more the narrower the star
+    flattened = (
+        slope[inside] @ np.array([0.3, -0.2]) / 0.13
+    )  # a ridge of 2 % flattens it, the more the narrower the star
     assert np.median(np.abs(flattened - 1)) < 0.06
 
 
@@ -266,25 +275,25 @@ def test_bad_input_is_one_line():
     complex_, uv, _, noisy = SCENE
     n = complex_.n
     cases = [
-        (dict(complex_=1), "complex_"),
-        (dict(signals=noisy.vertex), "signals"),
-        (dict(complex_=build_cells([[0, 1, 2, 3]], 4)), "polygons|Complex"),
-        (dict(complex_=build_complex([[0, 1, 2]], 3)), r"signals.vertex has shape \(900,\)"),
-        (dict(signals=replace(noisy, face=noisy.face[:, None])), "signals.face has shape"),
-        (dict(signals=replace(noisy, edge=np.where(np.arange(len(noisy.edge)) == 7, np.nan, noisy.edge))), "edge 7"),
-        (dict(signals=replace(noisy, vertex_ok=noisy.vertex_ok[:5])), "ok is"),
-        (dict(signals=replace(noisy, edge_uv=noisy.edge_uv[:5])), "edge_uv"),
-        (dict(signals=replace(noisy, face_uv=noisy.face_uv * np.nan)), "face_uv"),
-        (dict(signals=replace(noisy, face_pixels=noisy.face_pixels - 10**6)), "face_uv, _pixels"),
-        (dict(uv=uv[:5]), "uv has shape"),
-        (dict(uv=uv * np.nan), "uv is NaN"),
-        (dict(noise=-1), "noise is -1"),
-        (dict(noise=True), "noise is True"),
-        (dict(noise=[0.1, 0.2]), "noise is"),
-        (dict(response=1), "response"),
-        (dict(response=Response(np.zeros(n, complex), 2, np.ones(n, bool))), "response has order 2"),
-        (dict(response=Response(np.zeros(3, complex), 1, np.ones(3, bool))), "response has order 1 and shape"),
-        (dict(response=Response(np.full(n, np.nan + 0j), 1, np.ones(n, bool))), "response holds NaN"),
+        ({"complex_": 1}, "complex_"),
+        ({"signals": noisy.vertex}, "signals"),
+        ({"complex_": build_cells([[0, 1, 2, 3]], 4)}, "polygons|Complex"),
+        ({"complex_": build_complex([[0, 1, 2]], 3)}, r"signals.vertex has shape \(900,\)"),
+        ({"signals": replace(noisy, face=noisy.face[:, None])}, "signals.face has shape"),
+        ({"signals": replace(noisy, edge=np.where(np.arange(len(noisy.edge)) == 7, np.nan, noisy.edge))}, "edge 7"),
+        ({"signals": replace(noisy, vertex_ok=noisy.vertex_ok[:5])}, "ok is"),
+        ({"signals": replace(noisy, edge_uv=noisy.edge_uv[:5])}, "edge_uv"),
+        ({"signals": replace(noisy, face_uv=noisy.face_uv * np.nan)}, "face_uv"),
+        ({"signals": replace(noisy, face_pixels=noisy.face_pixels - 10**6)}, "face_uv, _pixels"),
+        ({"uv": uv[:5]}, "uv has shape"),
+        ({"uv": uv * np.nan}, "uv is NaN"),
+        ({"noise": -1}, "noise is -1"),
+        ({"noise": True}, "noise is True"),
+        ({"noise": [0.1, 0.2]}, "noise is"),
+        ({"response": 1}, "response"),
+        ({"response": Response(np.zeros(n, complex), 2, np.ones(n, bool))}, "response has order 2"),
+        ({"response": Response(np.zeros(3, complex), 1, np.ones(3, bool))}, "response has order 1 and shape"),
+        ({"response": Response(np.full(n, np.nan + 0j), 1, np.ones(n, bool))}, "response holds NaN"),
     ]
     for given, line in cases:
         with pytest.raises(InputError, match=line):

@@ -1,7 +1,7 @@
 """Compiled kernels of the signals' denoising: pairs of elements, their weights, and steps of conjugate gradients.
 
-Elements are counted vertices first, then edges, then faces. Pairs come in four kinds: an edge and its ends ``(E, 2)``, a
-face and its vertices ``(F, 3)``, a face and its edges ``(F, 3)``, two faces of one edge ``(P,)``. ``own`` is what an
+Elements are counted vertices first, then edges, then faces. Pairs come in four kinds: an edge and its ends ``(E, 2)``,
+a face and its vertices ``(F, 3)``, a face and its edges ``(F, 3)``, two faces of one edge ``(P,)``. ``own`` is what an
 element's own signal weighs, the number of pixels that it averages over; 0 marks one without a signal.
 """
 
@@ -76,8 +76,8 @@ def place_vertices(edges, faces, face_edges, edge_uv, edge_ok, uv):  # type: ign
 def compare_links(x, own, n, faces, face_edges):  # type: ignore[no-untyped-def]
     """Each vertex against the mean of the edges across its faces, which share no pixel with it.
 
-    Returns the squared difference, the variance of those edges' signals, what both are in the mean for noise of variance
-    1, and how many edges they are (n,).
+    Returns the squared difference, the variance of those edges' signals, what both are in the mean for noise of
+    variance 1, and how many edges they are (n,).
     """
     count, total, squares = np.zeros(n), np.zeros(n), np.zeros(n)
     gain, expected = np.zeros(n), np.zeros(n)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +13,15 @@ from ..errors import InputError
 from ..topology.complex import Complex
 from ..topology.laplacian import check_values, checked_mask
 from ..types import BoolArray, FloatArray, Response, Signals, real_array
+from ._signal_graph import Graph, build_graph, estimate_contrast, estimate_variance
 
 LEVELS = ("vertex", "edge", "face")
-BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, over all places in a pixel
-FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
-CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
-TEXTURE = (
-    0.45  # share of what edges show more than vertices that is texture in the vertices too: development photographs
-)
-LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 FLOOR = 1e-3  # least contrast, as a share of the noise's variance: below it there is nothing to keep apart
-PILOT, STEPS, ROUNDS = 5, 4, 2  # steps of conjugate gradients evenly, then by steps, and how often: more gain nothing
+PILOT, STEPS, ROUNDS = (
+    5,
+    4,
+    2,
+)  # steps of conjugate gradients evenly, then by steps, and how often; twice as many gain 0.1 dB
 
 
 class Constants(NamedTuple):
@@ -35,7 +32,7 @@ class Constants(NamedTuple):
     kind : (4,) float64
         Relative weights of the kinds of pairs: edge and end, face and vertex, face and edge, two faces.
     usual : (4,) float64
-        Mean squared step of each kind over that between vertices on both sides of an edge.
+        Mean squared step of each kind, as photographs have it, over that between a face and its vertices.
     ratio : (K,) float64
         Logarithms of noise over contrast where the next four are tabled; linear between, constant beyond.
     even, weight, least, slant : (K,) float64
@@ -60,66 +57,14 @@ class Constants(NamedTuple):
 
 
 CONSTANTS = Constants(
-    kind=np.exp([0.0, -0.25, 0.36, 1.67]),
+    kind=np.array([1.0, 0.94, 1.56, 5.42]),
     usual=np.array([0.67, 1.0, 0.37, 0.8]),
     ratio=np.array([-2.4, -1.2, -0.3, 0.6, 1.5]),
-    even=np.array([-2.0, -0.3, 0.5, 0.5, 1.1]),
-    weight=np.array([-0.7, -0.8, -0.55, -0.6, -1.0]),
-    least=np.array([-6, -5.2, -4.2, -3, -3]),
-    slant=np.array([1.1, 1.0, 1.5, 2.7, 3.6]),
+    even=np.array([-2.57, -0.97, 0.82, -0.14, 0.89]),
+    weight=np.array([-0.81, -1.2, -0.52, -0.44, -0.98]),
+    least=np.array([-6.24, -5.14, -4.15, -2.37, -2.11]),
+    slant=np.array([0.51, -0.08, 1.92, 2.47, 3.73]),
 )
-
-
-class Graph(NamedTuple):
-    """A complex as the kernels see it: which elements are paired, where they are, and how many pixels they are worth.
-
-    Attributes
-    ----------
-    order : (F,) int64
-        Faces by their first vertex, as edges are: what is near in one array is near in the others.
-    edges, faces, face_edges : (E, 2), (F, 3), (F, 3) uint32
-        Of the complex, faces in that order.
-    pairs, opposite : (P, 2) uint32
-        Faces that share an edge, and their vertices off it.
-    places : (n + E + F, 2) float64
-        Where the elements are, px.
-    own : (n + E + F,) float64
-        Noise's variance in a pixel over that in the element; 0 without a signal.
-    """
-
-    order: NDArray[np.int64]
-    edges: NDArray[np.uint32]
-    faces: NDArray[np.uint32]
-    face_edges: NDArray[np.uint32]
-    pairs: NDArray[np.uint32]
-    opposite: NDArray[np.uint32]
-    places: FloatArray
-    own: FloatArray
-
-    @property
-    def n(self) -> int:
-        """Number of vertices."""
-        return len(self.own) - len(self.edges) - len(self.faces)
-
-    def pack(self, signals: Signals) -> FloatArray:
-        """Return the signals of all elements, (C, n + E + F) float64; 0 where there is none."""
-        values = np.concatenate([signals.vertex, signals.edge, signals.face[self.order]]).astype(np.float64)
-        columns = values.reshape(len(values), -1)
-        return np.ascontiguousarray(np.where(self.own[:, None] > 0, columns, 0.0).T)
-
-    def unpack(self, values: FloatArray, signals: Signals) -> Signals:
-        """Return `signals` with other values."""
-        vertex, edge, ordered = np.split(values.T, [self.n, self.n + len(self.edges)])
-        face = np.empty_like(ordered)
-        face[self.order] = ordered
-        parts = {"vertex": vertex, "edge": edge, "face": face}
-        shaped: dict[str, Any] = {
-            level: np.ascontiguousarray(part).reshape(getattr(signals, level).shape) for level, part in parts.items()
-        }
-        return replace(signals, **shaped)
-
-    def __repr__(self) -> str:
-        return brief(self)
 
 
 def denoise_signals(
@@ -134,9 +79,9 @@ def denoise_signals(
 
     .. math:: \min_x \sum_i \frac{(x_i - s_i)^2}{\sigma^2 c_i} + \sum_{i \sim j} w_{ij} (x_i - x_j)^2
 
-    over all elements i of all levels. c is the share of the pixels' noise that an element has: its mean over p
-    pixels has 1/p, a bilinear sample the sum of its squared weights. An edge is tied to its ends, a face to its vertices,
-    its edges and the faces beside it. The ties w are even at first; then those across which the first estimate steps, or
+    over all elements i of all levels. c is the share of the pixels' noise that an element has: its mean over p pixels
+    has 1/p, a bilinear sample the sum of its squared weights. An edge is tied to its ends, a face to its vertices, its
+    edges and the faces beside it. The ties w are even at first; then those across which the first estimate steps, or
     across which its slopes run, are loosened, twice.
 
     Parameters
@@ -153,8 +98,8 @@ def denoise_signals(
         Of order 1, (n,) or (n, C): where the texture has its edges, from elsewhere, such as the mean of many views.
         Only its direction and relative magnitude count. Default: the slopes of the estimate itself.
     noise : float, optional
-        Standard deviation of the noise of each pixel, in the signals' unit, > 0. Default: estimated for each channel from
-        the flattest tenth of the vertices.
+        Standard deviation of the noise of each pixel, in the signals' unit, > 0. Default: estimated for each channel
+        from the flattest tenth of the vertices.
 
     Returns
     -------
@@ -265,115 +210,6 @@ def _as_steep(tensor: FloatArray, graph: Graph, x: FloatArray) -> FloatArray:
     return scaled
 
 
-def estimate_variance(graph: Graph, y: FloatArray) -> float:
-    """Variance of the noise of a pixel: how far vertices are off the edges around them, where those are most alike.
-
-    Parameters
-    ----------
-    graph : Graph
-        The complex.
-    y : (n + E + F,) float64
-        Noisy signals.
-
-    Returns
-    -------
-    float
-        0 where nothing tells.
-    """
-    from . import _signals
-
-    off, spread, gain, expected, count = _signals.compare_links(y, graph.own, graph.n, graph.faces, graph.face_edges)
-    rows = np.flatnonzero(count >= 3)  # fewer are alike by chance
-    if not len(rows):
-        rows = np.flatnonzero(count)
-        return float(off[rows].sum() / gain[rows].sum()) if len(rows) else 0.0
-    kept = max(1, round(FLATTEST * len(rows)))
-    rows = rows[spread[rows] <= np.partition(spread[rows], kept - 1)[kept - 1]]
-    by_vertex = float(off[rows].sum() / gain[rows].sum())
-    by_edges = float(spread[rows].sum() / (CHANCE * expected[rows].sum()))
-    return max(by_vertex - TEXTURE * max(by_edges - by_vertex, 0.0), LEAST * by_vertex)
-
-
-def estimate_contrast(graph: Graph, y: FloatArray, variance: float) -> float:
-    """Mean squared step between vertices on both sides of an edge, less what noise makes of it.
-
-    Parameters
-    ----------
-    graph : Graph
-        The complex.
-    y : (n + E + F,) float64
-        Noisy signals.
-    variance : float
-        Of the noise in a pixel.
-
-    Returns
-    -------
-    float
-        Of the ends of edges where no two faces share one; may be negative by chance.
-    """
-    from . import _signals
-
-    for rows in (graph.opposite, graph.edges):
-        total, gain, count = _signals.difference(y, graph.own, rows[:, 0], rows[:, 1])
-        if count:
-            return (total - variance * gain) / count
-    return 0.0
-
-
-def build_graph(complex_: Complex, signals: Signals, uv: ArrayLike | None = None) -> Graph:
-    """Pair the elements of a complex, place them, and count what their signals are worth.
-
-    Parameters
-    ----------
-    complex_ : Complex
-        Of triangles.
-    signals : Signals
-        Its signals.
-    uv : (n, 2) float array, optional
-        Where vertices are, px.
-
-    Returns
-    -------
-    Graph
-    """
-    from . import _signals
-
-    order = np.argsort(complex_.faces[:, 0], kind="stable")
-    edges, faces, face_edges = (
-        np.ascontiguousarray(part, np.int32).view(np.uint32)
-        for part in (complex_.edges, complex_.faces[order], complex_.face_edges[order])
-    )
-    pairs, opposite = _signals.join_faces(faces, face_edges, len(edges))
-    points = np.zeros((complex_.n, 2))
-    if uv is None:
-        _signals.place_vertices(edges, faces, face_edges, signals.edge_uv, signals.edge_ok, points)
-    else:
-        points = _checked_uv(uv, complex_.n, signals.vertex_ok)
-    own = [
-        np.full(complex_.n, 1 / BILINEAR) if uv is None else 1 / _noise_at(points),
-        _worth(signals.edge_pixels, signals.edge_uv, 1),
-        _worth(signals.face_pixels[order], signals.face_uv[order], 0),
-    ]
-    ok = np.concatenate([signals.vertex_ok, signals.edge_ok, signals.face_ok[order]])
-    places = np.concatenate([points, signals.edge_uv, signals.face_uv[order]])
-    return Graph(order, edges, faces, face_edges, pairs, opposite, places, np.where(ok, np.concatenate(own), 0.0))
-
-
-def _worth(pixels: NDArray[np.int32], uv: FloatArray, most: int) -> FloatArray:
-    """How many pixels elements average over; those of at most `most` pixels hold a bilinear sample."""
-    worth = pixels.astype(np.float64)
-    sampled = np.flatnonzero(pixels <= most)
-    worth[sampled] = 1 / _noise_at(uv[sampled])
-    return worth
-
-
-def _noise_at(uv: FloatArray) -> FloatArray:
-    """Sum of the squared weights of bilinear samples, which is what variance noise keeps in them."""
-    part = uv - np.floor(uv)
-    squares = part * part + (1 - part) ** 2
-    return squares[:, 0] * squares[:, 1]
-
-
 def _tensors_of(response: Response | None, graph: Graph, signals: Signals) -> list[FloatArray] | None:
     """Products of directions of a response, averaged over neighbours, for each of its channels."""
     from . import _signals
@@ -390,6 +226,7 @@ def _tensors_of(response: Response | None, graph: Graph, signals: Signals) -> li
     tensors = []
     for column in z.reshape(graph.n, -1).T:
         slope, tensor = np.stack([column.real, column.imag], axis=1), np.empty((graph.n, 3))
+        slope[graph.own[: graph.n] == 0] = 0.0
         _signals.average_tensors(slope, graph.own, graph.edges, tensor)
         tensors.append(tensor)
     return tensors
@@ -430,15 +267,6 @@ def _check_places(uv: FloatArray, pixels: NDArray[np.int32], ok: BoolArray, leve
         raise InputError(
             f"signals.{level}_uv, _pixels hold NaN, infinite or negative values, expected places and counts"
         )
-
-
-def _checked_uv(uv: ArrayLike, n: int, ok: BoolArray) -> FloatArray:
-    points = real_array(uv, "uv", f"({n}, 2)").astype(np.float64)
-    if points.shape != (n, 2):
-        raise InputError(f"uv has shape {points.shape}, expected ({n}, 2): one projection for each vertex")
-    if not np.isfinite(points[ok]).all():
-        raise InputError("uv is NaN or infinite at a vertex with a signal, expected its place in the image")
-    return np.where(ok[:, None], points, 0.0)
 
 
 def _checked_noise(noise: float | None) -> float | None:
