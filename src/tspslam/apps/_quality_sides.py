@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import brief
 from .._checks import require, told
 from ..errors import GeometryError, InputError
 from ..topology.complex import Complex, Rows
@@ -27,6 +28,9 @@ class Side(NamedTuple):
     values: FloatArray
     ok: BoolArray
 
+    def __repr__(self) -> str:
+        return brief(self)
+
 
 class Stars(NamedTuple):
     """What stands around each vertex: means (n, 3) of `_quality.filter_stars`, harmonics (n, M) of both.
@@ -38,6 +42,9 @@ class Stars(NamedTuple):
     texture: NDArray[np.complex128]
     shape: NDArray[np.complex128]
     used: BoolArray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def checked(given: Any, what: str) -> Side:

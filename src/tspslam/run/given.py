@@ -70,7 +70,13 @@ class Given(Brief):
         return None if isinstance(self.shown, TexturedMesh) else self.shown.response
 
     def as_map(self) -> TopologicalMap | None:
-        """Return the map, or the frame as a map of one keyframe; None of a mesh without a camera."""
+        """Take it as a map.
+
+        Returns
+        -------
+        TopologicalMap or None
+            The map, or the frame as one of a single keyframe; None of a mesh without a camera.
+        """
         if isinstance(self.shown, Frame):
             pose = self.shown.T_world_camera
             return map_of_frame(self.shown, self.shown.rig, np.eye(4) if pose is None else pose)
