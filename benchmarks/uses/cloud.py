@@ -13,7 +13,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,11 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 from benchmarks.mapping import FAULTS, KITTI, list_table
-from tspslam import OrbDetector, datasets, delaunay_surface, read_pair, reconstruct
+from tspslam import OrbDetector, datasets, delaunay_surface, reconstruct
 from tspslam.apps.cloud import denoise_cloud
 from tspslam.datasets import synthetic
 from tspslam.errors import InputError
+from tspslam.io import read_image
 from tspslam.topology.complex import build_complex
 from tspslam.topology.texture import luminance
 from tspslam.types import Cloud, StereoPair, Surface
@@ -282,28 +283,41 @@ def recorded(folder: Path) -> Iterator[str]:
     """Of recordings, how far points of the road are off one plane before and after, and how many points move far."""
     for name, (left, right) in RECORDED.items():
         try:
-            pair = read_pair(folder / name / left, folder / name / right, folder / name / "calib.yaml")
+            left_image, right_image = (read_image(folder / name / side) for side in (left, right))
+            height, width = left_image.shape[:2]
+            pair = StereoPair(left_image, right_image, replace(KITTI, width=width, height=height), name=name)
         except InputError as error:
             yield f"{name}: left out: {error}"
             continue
-        cloud = reconstruct(pair)
+        cloud = reconstruct(pair, detector=OrbDetector(count=8000))
         flat = denoise_cloud(cloud, delaunay_surface(cloud), pair.left)
-        before, after = (_off_road(pair, each.uv, each.disparity) for each in (cloud, flat))
+        before, after = off_road(pair, cloud.uv, cloud.disparity, flat.disparity)
         far = 100 * np.mean(np.abs(flat.disparity - cloud.disparity) > 1)
         yield f"{name}: road off its plane {before:.3f} -> {after:.3f} px; {far:.2f} % of points move over 1 px"
 
 
-def _off_road(pair: StereoPair, uv: np.ndarray, d: np.ndarray) -> float:
-    """Median distance from one plane in the lower middle of the image, px, of the closest three quarters."""
+def off_road(pair: StereoPair, uv: np.ndarray, *disparities: np.ndarray) -> list[float]:
+    """Mean distance from one plane of the points in the lower middle of the image that are within 1 px of it, px."""
     u, v = uv[:, 0] / pair.rig.width, uv[:, 1] / pair.rig.height
-    road = (np.abs(u - 0.5) < 0.2) & (v > 0.65)
-    A, b = np.column_stack([np.ones(road.sum()), uv[road]]), d[road]
-    weight = np.ones(len(b))
+    road = (np.abs(u - 0.5) < 0.1 + 0.4 * (v - 0.6)) & (v > 0.6)
+    A = np.column_stack([np.ones(road.sum()), uv[road]])
+    near = np.ones(len(A), bool)
+    found = []
+    for d in disparities:  # the points of the first one's road
+        off = _off_plane(A[near], d[road][near])
+        if not found:
+            near = off < 1
+        found.append(float(_off_plane(A[near], d[road][near]).mean()))
+    return found
+
+
+def _off_plane(A: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Distances from a plane that far points do not turn."""
+    off, weight = np.zeros(len(d)), np.ones(len(d))
     for _ in range(30):
-        plane = np.linalg.lstsq(A * weight[:, None], b * weight, rcond=None)[0]
-        off = np.abs(A @ plane - b)
-        weight = 1 / (1 + (off / (1.4826 * np.median(off))) ** 2)
-    return float(np.median(np.sort(off)[: 3 * len(off) // 4]))
+        off = np.abs(A @ np.linalg.lstsq(A * weight[:, None], d * weight, rcond=None)[0] - d)
+        weight = 1 / (1 + (off / 0.3) ** 2)
+    return off
 
 
 def draw(folder: Path) -> None:
