@@ -194,7 +194,7 @@ def oracle(every: Callable[[Item], Iterator[np.ndarray]]) -> Method:
 
 
 def bound(item: Item) -> np.ndarray:
-    """What flatness can do at most, about: least squares that know the true fold of each pair of faces, and the noise."""
+    """About what flatness can do at most: least squares that know the noise and the size of every true fold."""
     from scipy.sparse import csr_array, diags_array
     from scipy.sparse.linalg import spsolve
 
