@@ -29,6 +29,7 @@ SCORED = ("astronaut", "camera", "coffee", "motorcycle", "immunohistochemistry")
 DEVELOPMENT = ("chelsea", "coins", "rocket", "brick")
 NOISES = (0.05, 0.1, 0.2)
 SIZES = (4_000, 20_000)
+OAKD = tspslam.Rig(fx=451.0344, fy=451.0344, cx=299.0384, cy=255.165, baseline=0.075, width=640, height=480)
 LEVELS = ("vertex", "edge", "face")
 NAMES = {
     "heat": "heat on L0, oracle t",
@@ -150,25 +151,36 @@ def little_noise(names) -> list[str]:
             "no noise, PSNR of what comes out: worst " + say.format(*min(clean))]  # fmt: skip
 
 
-def stereo_complexes() -> list[str]:
-    """The same on complexes that stereo gives."""
-    pairs = [tspslam.datasets.motorcycle()]
+def stereo_pairs():
+    """Motorcycle and, where recordings are, the scored frame of KITTI and two that nothing here was chosen on."""
+    yield "Motorcycle", tspslam.datasets.motorcycle()
     if folder := os.environ.get("TSPSLAM_DATA"):
-        root, name = Path(folder) / "kitti_seq1", "000025.png"
-        pairs.append(tspslam.read_pair(root / "image_l" / name, root / "image_r" / name, root / "calib.txt"))
+        street, road, room = (Path(folder) / name for name in ("kitti_seq1", "kitti_05", "oakd_pairs"))
+        for name, left, right, calib in (
+            ("KITTI 06", street / "image_l" / "000025.png", street / "image_r" / "000025.png", street / "calib.txt"),
+            ("KITTI 05", road / "image_0" / "000030.png", road / "image_1" / "000030.png", road / "calib.txt"),
+            ("OAK-D", room / "desk_left.png", room / "desk_right.png", OAKD),
+        ):
+            yield name, tspslam.read_pair(left, right, calib)
+
+
+def stereo_complexes() -> list[str]:
+    """The same on complexes that stereo gives: few vertices, all on corners of the image."""
     lines = []
-    for pair in pairs:
-        frame = tspslam.Session(pair.rig).process(pair)
-        image = np.ascontiguousarray(luminance(pair.left))
+    for name, pair in stereo_pairs():
+        frame, image = tspslam.Session(pair.rig).process(pair), np.ascontiguousarray(luminance(pair.left))
+        uv, complex_, ok = frame.cloud.uv, frame.complex_, frame.signals.vertex_ok
         for noise in (0.01, *NOISES):
             field = image + noise * np.random.default_rng(0).normal(size=image.shape)
-            true, noisy = (sampled(each, frame.cloud.uv, frame.complex_) for each in (image, field))
-            got = ours.denoise_signals(frame.complex_, noisy, uv=frame.cloud.uv)
-            ok = true.vertex_ok
-            heat = best(rivals.heat(frame.complex_.L0, noisy.vertex), true.vertex)
-            own, raw = psnr(got.vertex[ok], true.vertex[ok]), psnr(noisy.vertex[ok], true.vertex[ok])
-            gains = f"{own - heat:+.2f} dB over heat, {own - raw:+.2f} over noisy"
-            lines.append(f"{pair.name} ({frame.complex_.n} vertices), noise {noise}: {gains}")
+            true, noisy = (sampled(each, uv, complex_) for each in (image, field))
+            truth, raw = true.vertex[ok], psnr(noisy.vertex[ok], true.vertex[ok])
+            gains = [
+                psnr(ours.denoise_signals(complex_, noisy, uv=uv, noise=given).vertex[ok], truth) - raw
+                for given in (None, noise)
+            ]
+            gains.append(max(psnr(x[ok], truth) for x in rivals.heat(complex_.L0, noisy.vertex)) - raw)
+            told = "{:+.2f} dB, noise given {:+.2f}, heat {:+.2f}".format(*gains)
+            lines.append(f"{name}'s stereo complex, {complex_.n} vertices, noise {noise}, over noisy vertices: {told}")
     return lines
 
 

@@ -17,6 +17,12 @@ BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, ove
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
 TEXTURE = 0.45  # of what edges show more than vertices: how much is texture in the vertices; development photographs
+WHITE, WIDE = (
+    1.55,
+    (1.4, 0.1),
+)  # pixels of an edge that share a vertex' noise; its texture, by the edge's length: measured
+LONG = (8.0, 15.0)  # px, mean length of edges from which, and above which wholly, that tells noise from texture
+LEAST_WHITE, DOUBT = 0.003, 0.1  # least share; taken off it, as too much noise does harm and too little does not
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 
 
@@ -156,12 +162,29 @@ def estimate_variance(graph: Graph, y: FloatArray) -> float:
     rows = np.flatnonzero(count >= 3)  # fewer are alike by chance
     if not len(rows):
         rows = np.flatnonzero(count)
-        return float(off[rows].sum() / gain[rows].sum()) if len(rows) else 0.0
+        return float((off[rows] ** 2).sum() / gain[rows].sum()) if len(rows) else 0.0
     kept = max(1, round(FLATTEST * len(rows)))
     rows = rows[spread[rows] <= np.partition(spread[rows], kept - 1)[kept - 1]]
-    by_vertex = float(off[rows].sum() / gain[rows].sum())
+    by_vertex = float((off[rows] ** 2).sum() / gain[rows].sum())
     by_edges = float(spread[rows].sum() / (CHANCE * expected[rows].sum()))
-    return max(by_vertex - TEXTURE * max(by_edges - by_vertex, 0.0), LEAST * by_vertex)
+    texture = min(TEXTURE * max(by_edges - by_vertex, 0.0), (1 - LEAST) * by_vertex)
+    return min(by_vertex - texture, by_vertex * _white_share(graph, y, off, rows))
+
+
+def _white_share(graph: Graph, y: FloatArray, off: FloatArray, rows: NDArray[np.int64]) -> float:
+    """Share of vertices' differences that is white, from how far it is seen in the edges that end there."""
+    from . import _signals
+
+    chosen = np.zeros(graph.n, bool)
+    chosen[rows] = True
+    shared, square, pixels, count = _signals.compare_ends(y, graph.own, graph.edges, off, chosen)
+    if not square > 0:
+        return 1.0
+    length = pixels / count
+    wide = WIDE[0] + WIDE[1] * length
+    share = (wide - shared / square) / (wide - WHITE) - DOUBT
+    trust = np.clip((length - LONG[0]) / (LONG[1] - LONG[0]), 0.0, 1.0)
+    return float(1 - trust * (1 - np.clip(share, LEAST_WHITE, 1.0)))
 
 
 def estimate_contrast(graph: Graph, y: FloatArray, variance: float) -> float:
