@@ -134,21 +134,26 @@ def measure(names, sizes, seeds):
 
 
 def little_noise(names) -> list[str]:
-    """Vertices over the noisy ones at noise of 0.01, and the PSNR of what comes out of clean signals, worst first."""
-    gains, clean = [], []
+    """Over the noisy signals at noise of 0.01, and the PSNR of what comes out of clean vertices, worst items."""
+    gains, clean = {level: [] for level in LEVELS}, []
     for name, image in photographs(names):
         noisy = image + 0.01 * np.random.default_rng(0).normal(size=image.shape)
         for n in SIZES:
             uv, complex_ = random_complex(image, n, 0)
             s, t = sampled(noisy, uv, complex_), sampled(image, uv, complex_)
-            gains.append(
-                (psnr(ours.denoise_signals(complex_, s, uv=uv).vertex, t.vertex) - psnr(s.vertex, t.vertex), name, n)
-            )
+            got = ours.denoise_signals(complex_, s, uv=uv)
+            for level in LEVELS:
+                before, after = (psnr(getattr(each, level), getattr(t, level)) for each in (s, got))
+                gains[level].append((after - before, name, n))
             clean.append((psnr(ours.denoise_signals(complex_, t, uv=uv).vertex, t.vertex), name, n))
-    mean = np.mean([gain for gain, *_ in gains])
-    say = "{0:.2f} dB ({1}, n = {2})"
-    return [f"noise 0.01, over noisy vertices: mean {mean:.2f}, worst " + say.format(*min(gains)),
-            "no noise, PSNR of what comes out: worst " + say.format(*min(clean))]  # fmt: skip
+    lines = []
+    for level in LEVELS:
+        mean, (gain, name, n) = np.mean([gain for gain, *_ in gains[level]]), min(gains[level])
+        lines.append(
+            f"{level}, noise 0.01, over the noisy ones: mean {mean:+.2f}, worst {gain:+.2f} dB ({name}, n = {n})"
+        )
+    lines.append("no noise, PSNR of what comes out: worst {:.2f} dB ({}, n = {})".format(*min(clean)))
+    return lines
 
 
 def stereo_pairs():

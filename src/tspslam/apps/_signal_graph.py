@@ -17,11 +17,15 @@ BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, ove
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
 TEXTURE = 0.45  # of what edges show more than vertices: how much is texture in the vertices; development photographs
-WHITE, WIDE = (
-    1.55,
-    (1.4, 0.1),
-)  # pixels of an edge that share a vertex' noise; its texture, by the edge's length: measured
-LONG = (8.0, 15.0)  # px, mean length of edges from which, and above which wholly, that tells noise from texture
+WHITE = (
+    1.55  # pixels of an edge that share the noise of a vertex at its end: a bilinear sample takes four, two on the line
+)
+WIDE = (
+    1.4,
+    0.1,
+    2.2,
+)  # pixels that share its texture: a constant, growth with the edge's pixels, most; development data
+LONG, CHOSEN = (8.0, 13.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
 LEAST_WHITE, DOUBT = 0.003, 0.1  # least share; taken off it, as too much noise does harm and too little does not
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 
@@ -172,19 +176,32 @@ def estimate_variance(graph: Graph, y: FloatArray) -> float:
 
 
 def _white_share(graph: Graph, y: FloatArray, off: FloatArray, rows: NDArray[np.int64]) -> float:
-    """Share of vertices' differences that is white, from how far it is seen in the edges that end there."""
+    """Share of vertices' differences that is white, from how far along the edges that end there it is seen.
+
+    Where edges are short it is 1: they are all end. Where they are long, vertices mostly are what a detector chose,
+    corners, and all have to be white, not only those in flat surroundings.
+    """
+    flat, length = _seen_along(graph, y, off, rows)
+    whole, _ = _seen_along(graph, y, off, np.flatnonzero(off))
+    seen = flat + _rise(length, CHOSEN) * max(whole - flat, 0.0)
+    wide = min(WIDE[0] + WIDE[1] * length, WIDE[2])
+    share = (wide - seen) / (wide - WHITE) - DOUBT if wide > WHITE else 1.0
+    return float(1 - _rise(length, LONG) * (1 - np.clip(share, LEAST_WHITE, 1.0)))
+
+
+def _seen_along(graph: Graph, y: FloatArray, off: FloatArray, rows: NDArray[np.int64]) -> tuple[float, float]:
+    """Pixels of an edge that share what sets vertices off, and the mean length of the edges, px."""
     from . import _signals
 
     chosen = np.zeros(graph.n, bool)
     chosen[rows] = True
     shared, square, pixels, count = _signals.compare_ends(y, graph.own, graph.edges, off, chosen)
-    if not square > 0:
-        return 1.0
-    length = pixels / count
-    wide = WIDE[0] + WIDE[1] * length
-    share = (wide - shared / square) / (wide - WHITE) - DOUBT
-    trust = np.clip((length - LONG[0]) / (LONG[1] - LONG[0]), 0.0, 1.0)
-    return float(1 - trust * (1 - np.clip(share, LEAST_WHITE, 1.0)))
+    return (shared / square, pixels / count) if square > 0 else (WHITE, 0.0)
+
+
+def _rise(value: float, span: tuple[float, float]) -> float:
+    """From 0 at the begin of a span to 1 at its end."""
+    return min(max((value - span[0]) / (span[1] - span[0]), 0.0), 1.0)
 
 
 def estimate_contrast(graph: Graph, y: FloatArray, variance: float) -> float:
