@@ -113,10 +113,10 @@ class VertexConstants(NamedTuple):
 
 VERTEX_CONSTANTS = VertexConstants(
     ratio=ours.CONSTANTS.ratio,
-    even=np.array([-2.0, -1.0, 0.0, 0.5, 1.0]),
-    weight=np.array([-0.7, -0.5, -0.6, -0.8, -1.0]),
-    least=np.array([-4.0, -3.0, -2.0, -1.0, -1.0]),
-    slant=np.array([0.0, 0.0, 1.0, 2.0, 2.0]),
+    even=np.array([-2.06, -0.32, -0.34, -0.2, 0.87]),
+    weight=np.array([-0.18, -0.6, -0.18, -0.02, -1.98]),
+    least=np.array([-4.83, -6.66, -4.46, -16.9, 1.26]),
+    slant=np.array([-0.63, -0.14, 0.73, 2.75, 3.21]),
 )
 
 

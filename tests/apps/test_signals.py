@@ -131,6 +131,21 @@ def test_the_noise_is_estimated(noise):
     assert found == pytest.approx(noise, rel=0.2)
 
 
+def test_corners_are_not_taken_for_noise():
+    rng = np.random.default_rng(4)
+    uv = np.stack(np.meshgrid(np.arange(10, 400, 20), np.arange(10, 400, 20)), axis=-1).reshape(-1, 2) + rng.random(
+        (400, 2)
+    )
+    complex_ = build_complex(Delaunay(uv).simplices, 400)
+    v, u = np.mgrid[:400, :400]
+    blob, image = uv.astype(int), np.full((400, 400), 0.5)
+    for (a, b), height in zip(blob, rng.normal(0, 0.1, 400), strict=True):  # each vertex stands on something of its own
+        image[np.hypot(u - a, v - b) < 5] += height
+    noisy = image + rng.normal(0, 0.01, image.shape)
+    true, raw = (sample_signals(i.clip(0, 1), uv, complex_) for i in (image, noisy))
+    assert mse(denoise_signals(complex_, raw, uv=uv), true) < 1.1 * mse(raw, true)
+
+
 def test_channels_are_denoised_each_by_itself():
     complex_, uv, _, noisy = noisy_scene(channels=2, n=300, size=90)
     got = denoise_signals(complex_, noisy, uv=uv)

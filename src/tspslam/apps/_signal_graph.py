@@ -17,6 +17,16 @@ BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, ove
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
 TEXTURE = 0.45  # of what edges show more than vertices: how much is texture in the vertices; development photographs
+WHITE = (
+    1.55  # pixels of an edge that share the noise of a vertex at its end: a bilinear sample takes four, two on the line
+)
+WIDE = (
+    1.4,
+    0.1,
+    2.2,
+)  # pixels that share its texture: a constant, growth with the edge's pixels, most; development data
+LONG, CHOSEN = (8.0, 13.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
+LEAST_WHITE, DOUBT = 0.003, 0.1  # least share; taken off it, as too much noise does harm and too little does not
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 
 
@@ -156,12 +166,42 @@ def estimate_variance(graph: Graph, y: FloatArray) -> float:
     rows = np.flatnonzero(count >= 3)  # fewer are alike by chance
     if not len(rows):
         rows = np.flatnonzero(count)
-        return float(off[rows].sum() / gain[rows].sum()) if len(rows) else 0.0
+        return float((off[rows] ** 2).sum() / gain[rows].sum()) if len(rows) else 0.0
     kept = max(1, round(FLATTEST * len(rows)))
     rows = rows[spread[rows] <= np.partition(spread[rows], kept - 1)[kept - 1]]
-    by_vertex = float(off[rows].sum() / gain[rows].sum())
+    by_vertex = float((off[rows] ** 2).sum() / gain[rows].sum())
     by_edges = float(spread[rows].sum() / (CHANCE * expected[rows].sum()))
-    return max(by_vertex - TEXTURE * max(by_edges - by_vertex, 0.0), LEAST * by_vertex)
+    texture = min(TEXTURE * max(by_edges - by_vertex, 0.0), (1 - LEAST) * by_vertex)
+    return min(by_vertex - texture, by_vertex * _white_share(graph, y, off, rows))
+
+
+def _white_share(graph: Graph, y: FloatArray, off: FloatArray, rows: NDArray[np.int64]) -> float:
+    """Share of vertices' differences that is white, from how far along the edges that end there it is seen.
+
+    Where edges are short it is 1: they are all end. Where they are long, vertices mostly are what a detector chose,
+    corners, and all have to be white, not only those in flat surroundings.
+    """
+    flat, length = _seen_along(graph, y, off, rows)
+    whole, _ = _seen_along(graph, y, off, np.flatnonzero(off))
+    seen = flat + _rise(length, CHOSEN) * max(whole - flat, 0.0)
+    wide = min(WIDE[0] + WIDE[1] * length, WIDE[2])
+    share = (wide - seen) / (wide - WHITE) - DOUBT if wide > WHITE else 1.0
+    return float(1 - _rise(length, LONG) * (1 - np.clip(share, LEAST_WHITE, 1.0)))
+
+
+def _seen_along(graph: Graph, y: FloatArray, off: FloatArray, rows: NDArray[np.int64]) -> tuple[float, float]:
+    """Pixels of an edge that share what sets vertices off, and the mean length of the edges, px."""
+    from . import _signals
+
+    chosen = np.zeros(graph.n, bool)
+    chosen[rows] = True
+    shared, square, pixels, count = _signals.compare_ends(y, graph.own, graph.edges, off, chosen)
+    return (shared / square, pixels / count) if square > 0 else (WHITE, 0.0)
+
+
+def _rise(value: float, span: tuple[float, float]) -> float:
+    """From 0 at the begin of a span to 1 at its end."""
+    return min(max((value - span[0]) / (span[1] - span[0]), 0.0), 1.0)
 
 
 def estimate_contrast(graph: Graph, y: FloatArray, variance: float) -> float:

@@ -76,8 +76,8 @@ def place_vertices(edges, faces, face_edges, edge_uv, edge_ok, uv):  # type: ign
 def compare_links(x, own, n, faces, face_edges):  # type: ignore[no-untyped-def]
     """Each vertex against the mean of the edges across its faces, which share no pixel with it.
 
-    Returns the squared difference, the variance of those edges' signals, what both are in the mean for noise of
-    variance 1, and how many edges they are (n,).
+    Returns the difference, the variance of those edges' signals, the mean square of both for noise of variance 1, and
+    how many edges they are (n,).
     """
     count, total, squares = np.zeros(n), np.zeros(n), np.zeros(n)
     gain, expected = np.zeros(n), np.zeros(n)
@@ -94,10 +94,29 @@ def compare_links(x, own, n, faces, face_edges):  # type: ignore[no-untyped-def]
         if count[i] > 0:
             mean = total[i] / count[i]
             squares[i] = max(squares[i] / count[i] - mean * mean, 0.0)
-            total[i] = mean * mean
+            total[i] = mean
             expected[i] = gain[i] / count[i] * (1 - 1 / count[i])
             gain[i] = gain[i] / (count[i] * count[i]) + 1 / own[i]
     return total, squares, gain, expected, count
+
+
+@kernel
+def compare_ends(x, own, edges, off, chosen):  # type: ignore[no-untyped-def]
+    """How much of what sets chosen vertices off from the edges across is found in edges that end there, in pixels.
+
+    Returns ``Σ p d (d + x_e - x_i)``, p an edge's pixels and -d the vertex' difference `off`, ``Σ d²``, ``Σ p`` and the
+    number of ends.
+    """
+    n, shared, square, pixels, count = off.shape[0], 0.0, 0.0, 0.0, 0
+    for e in range(edges.shape[0]):
+        for side in range(2):
+            i = edges[e, side]
+            if chosen[i] and own[n + e] > 0:
+                shared -= own[n + e] * off[i] * (x[n + e] - x[i] - off[i])
+                square += off[i] * off[i]
+                pixels += own[n + e]
+                count += 1
+    return shared, square, pixels, count
 
 
 @kernel
