@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
-from skimage.draw import line
+from skimage.draw import line, polygon
 
 from tspslam.types import FloatArray, IntArray
 
@@ -59,16 +59,24 @@ def boundary_f(truth: np.ndarray, found: np.ndarray, tolerance: float = 3.0) -> 
     return float(2 * precision * recall / max(precision + recall, 1e-12))
 
 
-def shown(image: np.ndarray, faces: IntArray, uv: FloatArray) -> IntArray:
-    """The label that most pixels of each face show (of several the smallest); that of its middle where it has none."""
-    from skimage.draw import polygon
-
-    out = np.empty(len(faces), np.int64)
+def covered(faces: IntArray, uv: FloatArray, shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """Pixels in each face, as face numbers and places in the flat image; the middle's where it covers none."""
+    owner, place = [], []
     for f, corners in enumerate(uv[faces]):
-        rows, columns = polygon(corners[:, 1], corners[:, 0], image.shape)
+        rows, columns = polygon(corners[:, 1], corners[:, 0], shape)
         if len(rows) == 0:
-            u, v = np.clip(np.floor(corners.mean(axis=0) + 0.5).astype(int), 0, np.array(image.shape[::-1]) - 1)
+            u, v = np.clip(np.floor(corners.mean(axis=0) + 0.5).astype(int), 0, (shape[1] - 1, shape[0] - 1))
             rows, columns = np.array([v]), np.array([u])
-        names, count = np.unique(image[rows, columns], return_counts=True)
-        out[f] = names[np.argmax(count)]
-    return out
+        owner.append(np.full(len(rows), f))
+        place.append(rows * shape[1] + columns)
+    return np.concatenate(owner), np.concatenate(place)
+
+
+def carried(image: IntArray, cover: tuple[IntArray, IntArray], count: int) -> IntArray:
+    """The label that most pixels of each face show; of several the smallest."""
+    owner, place = cover
+    names, values = np.unique(image.ravel()[place], return_inverse=True)
+    keys, times = np.unique(owner * len(names) + values, return_counts=True)
+    order = np.lexsort((keys, -times, keys // len(names)))
+    first = np.searchsorted(keys[order] // len(names), np.arange(count))
+    return np.asarray(names[keys[order][first] % len(names)])

@@ -1,4 +1,4 @@
-"""Compiled kernels of segmentation: energies of regions, the tree of their merges, faces that change sides, discs.
+"""Compiled kernels of segmentation: energies of regions, the tree of their merges, discs.
 
 A region is a row of sums, so that two rows add up to their union's. Columns: 0 its number of points, 1 their weight,
 2:5 Σ w x, 5:11 Σ w x xᵀ (xx xy xz yy yz zz), 11:17 Σ w C with C the covariances of the points; 17 the number of
@@ -15,8 +15,6 @@ from .._jit import inlined, kernel
 
 GEOMETRY, NORMALS = 21, 17
 _SINGULAR = 1e-4  # of the trace: what keeps noise along rays alone invertible
-_ROUNDS = 10  # of changing sides; most faces have settled after 4
-_LEAST_GAIN = 1e-9  # of energy: no face goes to and fro by rounding
 _BEND = 0.03  # mean of sin² between noisy normals of one flat region: 10 degrees
 
 
@@ -166,9 +164,11 @@ def merge_tree(sums, pairs, length, weight, floor):  # type: ignore[no-untyped-d
 @kernel
 def _price(a, b, shared, rows, own, is_new, weight, floor, cost):  # type: ignore[no-untyped-def]
     """Cost of merging each pair of which one is new."""
+    both = np.empty(rows.shape[1])
     for k in range(a.shape[0]):
         if is_new[a[k]] or is_new[b[k]]:
-            both = rows[a[k]] + rows[b[k]]
+            for c in range(both.shape[0]):
+                both[c] = rows[a[k], c] + rows[b[k], c]
             cost[k] = (energy(both, weight, floor) - own[a[k]] - own[b[k]]) / shared[k]
 
 
@@ -221,84 +221,24 @@ def cut_tree(parent, height, n, limit):  # type: ignore[no-untyped-def]
             number[top[i]] = count
             count += 1
         labels[i] = number[top[i]]
-    return labels, count
+    return labels
 
 
 @kernel
 def neighbours_of(n, pairs):  # type: ignore[no-untyped-def]
-    """CSR rows: the other faces of each face's pairs, and which pair it is."""
+    """CSR rows: the other faces of each face's pairs."""
     first = np.zeros(n + 1, np.int64)
     for k in range(pairs.shape[0]):
         first[pairs[k, 0] + 1] += 1
         first[pairs[k, 1] + 1] += 1
     first[:] = np.cumsum(first)
-    fill, near, pair = first[:-1].copy(), np.empty(first[n], np.int64), np.empty(first[n], np.int64)
+    fill, near = first[:-1].copy(), np.empty(first[n], np.int64)
     for k in range(pairs.shape[0]):
         for side in range(2):
             f = pairs[k, side]
-            near[fill[f]], pair[fill[f]] = pairs[k, 1 - side], k
+            near[fill[f]] = pairs[k, 1 - side]
             fill[f] += 1
-    return first, near, pair
-
-
-@kernel
-def settle(labels, count, sums, graph, length, smooth, weight, floor):  # type: ignore[no-untyped-def]
-    """Let faces at borders change sides, in place, while that lowers energies plus `smooth` times the borders.
-
-    Only a face that hangs on its region by one neighbour may leave it, so that no region falls apart or vanishes. In
-    each round the largest gains go first, whatever the faces' numbers are.
-    """
-    rows, own = np.zeros((count, sums.shape[1])), np.empty(count)
-    for f in range(labels.shape[0]):
-        rows[labels[f]] += sums[f]
-    for r in range(count):
-        own[r] = energy(rows[r], weight, floor)
-    for _ in range(_ROUNDS):
-        gains, movers = np.empty(labels.shape[0]), np.empty(labels.shape[0], np.int64)
-        m = 0
-        for f in range(labels.shape[0]):
-            gain, to = _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor)
-            if to >= 0:
-                gains[m], movers[m] = gain, f
-                m += 1
-        moved = False
-        for p in np.argsort(-gains[:m], kind="mergesort"):
-            f = movers[p]
-            gain, to = _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor)
-            if to >= 0:
-                at = labels[f]
-                rows[at] -= sums[f]
-                rows[to] += sums[f]
-                own[at], own[to] = energy(rows[at], weight, floor), energy(rows[to], weight, floor)
-                labels[f], moved = to, True
-        if not moved:
-            break
-
-
-@kernel
-def _best_move(f, labels, rows, own, sums, graph, length, smooth, weight, floor):  # type: ignore[no-untyped-def]
-    """How much is gained when a face goes to the best of its neighbours' regions, and to which; -1 to none."""
-    first, near, pair = graph
-    inside, at, kept = 0, labels[f], 0.0
-    for p in range(first[f], first[f + 1]):
-        if labels[near[p]] == at:
-            inside += 1
-            kept += length[pair[p]]
-    if inside != 1 or first[f + 1] - first[f] == 1:
-        return 0.0, -1
-    least, to = _LEAST_GAIN, -1
-    without = own[at] - energy(rows[at] - sums[f], weight, floor)
-    for p in range(first[f], first[f + 1]):
-        other = labels[near[p]]
-        if other == at or other == to:
-            continue
-        won = 0.0
-        for q in range(first[f], first[f + 1]):
-            won += length[pair[q]] if labels[near[q]] == other else 0.0
-        gain = without - (energy(rows[other] + sums[f], weight, floor) - own[other]) + smooth * (won - kept)
-        if gain > least:
-            least, to = gain, other
-    return least, to
+    return first, near
 
 
 @kernel
@@ -308,7 +248,7 @@ def grow_discs(faces, face_edges, graph, n, n_edges, labels):  # type: ignore[no
     A face joins a disc by one side whose opposite corner is new to it, or by two sides: then what they share with the
     disc is a path, and a disc it stays.
     """
-    first, near, _ = graph
+    first, near = graph
     discs, at_vertex, at_edge = np.full(labels.shape[0], -1, np.int32), np.full(n, -1), np.full(n_edges, -1)
     queue, count = np.empty(4 * labels.shape[0] + 1, np.int64), 0
     for seed in range(labels.shape[0]):
