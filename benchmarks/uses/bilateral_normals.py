@@ -1,4 +1,4 @@
-"""Bilateral normal filtering: Zheng, Fu, Au, Tai (TVCG 2011), local and iterative, with the vertex update of Sun (2007).
+"""Bilateral normal filtering: Zheng, Fu, Au, Tai (2011), local and iterative, with the vertex update of Sun (2007).
 
 A plain reference, written from the paper: normals of faces are averaged over the faces that share a vertex, weighted by
 area, by a Gaussian of the distance of centres and one of the difference of normals; then vertices follow the normals.

@@ -161,7 +161,15 @@ def sheet(n: int, height: Callable, seed: int) -> Mesh:
     uv = (
         np.stack(np.meshgrid(*2 * [np.arange(side)]), -1).reshape(-1, 2) + rng.uniform(0.1, 0.9, (side * side, 2))
     ) / side
-    return np.column_stack([uv, height(uv[:, 0], uv[:, 1])]), Delaunay(uv).simplices
+    return np.column_stack([uv, height(uv[:, 0], uv[:, 1])]), without_slivers(uv, Delaunay(uv).simplices)
+
+
+def without_slivers(uv: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Faces with no angle under 10°: the hull's flat triangles go."""
+    sides = uv[np.roll(faces, 1, axis=1)] - uv[faces]
+    before = -np.roll(sides, 1, axis=1)
+    cosine = (sides * before).sum(2) / np.linalg.norm(sides, axis=2) / np.linalg.norm(before, axis=2)
+    return faces[(cosine < np.cos(np.radians(10))).all(axis=1)]
 
 
 def development(seed: int = 100) -> dict[str, Mesh]:

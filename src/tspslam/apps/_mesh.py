@@ -102,8 +102,8 @@ def rings(faces, start, at):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def measure_faces(xyz, faces, normals, centres, areas):  # type: ignore[no-untyped-def]
-    """Write unit normals, centres and areas; a face without area has the normal 0."""
+def measure_faces(xyz, faces, normals, centres, areas, angles):  # type: ignore[no-untyped-def]
+    """Write unit normals, centres, areas and angles at the corners; a face without area has the normal 0."""
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
@@ -115,6 +115,11 @@ def measure_faces(xyz, faces, normals, centres, areas):  # type: ignore[no-untyp
         for axis in range(3):
             centres[f, axis] = (xyz[a, axis] + xyz[b, axis] + xyz[c, axis]) / 3
         areas[f] = length / 2
+        first = ux * wx + uy * wy + uz * wz  # cosines times lengths; the sine's is twice the area at each corner
+        second = ux * ux + uy * uy + uz * uz - first
+        third = wx * wx + wy * wy + wz * wz - first
+        angles[f, 0], angles[f, 1] = np.arctan2(length, first), np.arctan2(length, second)
+        angles[f, 2] = np.arctan2(length, third)
 
 
 @kernel
@@ -157,85 +162,121 @@ def guide_normals(normals, areas, begin, near, out):  # type: ignore[no-untyped-
         out[f, 0], out[f, 1], out[f, 2] = x * share, y * share, z * share
 
 
+@inlined
+def _bell(x):  # type: ignore[no-untyped-def]
+    """Near exp(-x) for x >= 0, and 0 from 8 on: (1 - x / 8)^8, three squares."""
+    y = max(1 - 0.125 * x, 0.0)
+    y *= y
+    y *= y
+    return y * y
+
+
 @kernel
 def average_normals(normals, guide, centres, areas, begin, near, reach, width, out):  # type: ignore[no-untyped-def]
-    """Joint bilateral means of normals: Gaussians of the distance (`reach`) and of the guidance's difference (`width`)."""
-    far, apart = -0.5 / (reach * reach), -0.5 / (width * width)
+    """Joint bilateral means of normals: bells of the distance (`reach`) and of the guidance's difference (`width`)."""
+    far, apart = 0.5 / (reach * reach), 0.5 / (width * width)
     for f in range(normals.shape[0]):
         x, y, z = areas[f] * normals[f, 0], areas[f] * normals[f, 1], areas[f] * normals[f, 2]
         for p in range(begin[f], begin[f + 1]):
             g = near[p]
             a, b, c = centres[g, 0] - centres[f, 0], centres[g, 1] - centres[f, 1], centres[g, 2] - centres[f, 2]
             i, j, k = guide[g, 0] - guide[f, 0], guide[g, 1] - guide[f, 1], guide[g, 2] - guide[f, 2]
-            weight = areas[g] * np.exp(far * (a * a + b * b + c * c) + apart * (i * i + j * j + k * k))
+            weight = areas[g] * _bell(far * (a * a + b * b + c * c) + apart * (i * i + j * j + k * k))
             x += weight * normals[g, 0]
             y += weight * normals[g, 1]
             z += weight * normals[g, 2]
         length = np.sqrt(x * x + y * y + z * z)
-        if length > 0:
-            out[f, 0], out[f, 1], out[f, 2] = x / length, y / length, z / length
-        else:
-            out[f, 0], out[f, 1], out[f, 2] = normals[f, 0], normals[f, 1], normals[f, 2]
+        share = 1 / length if length > 0 else 0.0
+        out[f, 0], out[f, 1], out[f, 2] = x * share, y * share, z * share
 
 
 @kernel
-def follow_normals(xyz, faces, start, at, normals, gain, slide, rounds):  # type: ignore[no-untyped-def]
-    """Move vertices in place, several rounds, towards the planes of their faces: the mean of the offsets.
-
-    `gain` (N, 3, 3) or empty says how far each vertex goes in which direction; `slide` (N,) is the share of the way to
-    the mean of its faces' centres that a vertex goes within those planes.
-    """
-    n = start.shape[0] - 1
-    centres = np.empty((faces.shape[0], 3))
-    step = np.empty(3)
-    for _ in range(rounds):
-        for f in range(faces.shape[0]):
-            for axis in range(3):
-                centres[f, axis] = (xyz[faces[f, 0], axis] + xyz[faces[f, 1], axis] + xyz[faces[f, 2], axis]) / 3
-        for v in range(n):
-            count = start[v + 1] - start[v]
-            if count == 0:
-                continue
-            step[:] = 0
+def corner_normals(normals, angles, faces, start, at, width, out):  # type: ignore[no-untyped-def]
+    """Normals of the surface at the corners of each face: means over the faces there, by angle, of those like it."""
+    apart = 0.5 / (width * width)
+    for f in range(faces.shape[0]):
+        for c in range(3):
+            v, x, y, z = faces[f, c], 0.0, 0.0, 0.0
             for p in range(start[v], start[v + 1]):
-                f = at[p]
-                x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
-                off = (
-                    x * (centres[f, 0] - xyz[v, 0]) + y * (centres[f, 1] - xyz[v, 1]) + z * (centres[f, 2] - xyz[v, 2])
-                )
-                step[0] += x * off
-                step[1] += y * off
-                step[2] += z * off
-            if slide[v] > 0:
-                _add_slide(xyz, start, at, normals, centres, v, slide[v], step)
-            for axis in range(3):
-                if gain.shape[0]:
-                    moved = gain[v, axis, 0] * step[0] + gain[v, axis, 1] * step[1] + gain[v, axis, 2] * step[2]
-                else:
-                    moved = step[axis]
-                xyz[v, axis] += moved / count
+                g = at[p]
+                i, j, k = normals[g, 0] - normals[f, 0], normals[g, 1] - normals[f, 1], normals[g, 2] - normals[f, 2]
+                angle = angles[g, 0] if faces[g, 0] == v else (angles[g, 1] if faces[g, 1] == v else angles[g, 2])
+                weight = angle * _bell(apart * (i * i + j * j + k * k))
+                x += weight * normals[g, 0]
+                y += weight * normals[g, 1]
+                z += weight * normals[g, 2]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length > 0:
+                out[f, c, 0], out[f, c, 1], out[f, c, 2] = x / length, y / length, z / length
+            else:
+                out[f, c, 0], out[f, c, 1], out[f, c, 2] = normals[f, 0], normals[f, 1], normals[f, 2]
 
 
 @inlined
-def _add_slide(xyz, start, at, normals, centres, v, share, step):  # type: ignore[no-untyped-def]
-    """Add the way to the mean of the centres, less what leaves the planes of the faces: creases slide along, corners stay."""
-    m = np.zeros(3)
-    for p in range(start[v], start[v + 1]):
-        for axis in range(3):
-            m[axis] += share * (centres[at[p], axis] - xyz[v, axis])
-    for _ in range(8):  # alternating projections onto the planes that meet here
+def _rise(xyz, corners, faces, f, a, b):  # type: ignore[no-untyped-def]
+    """What corner b of face f is above corner a, by the normals of both: 0 on planes, spheres and all quadrics."""
+    u, v, total = faces[f, a], faces[f, b], 0.0
+    for axis in range(3):
+        total += (corners[f, a, axis] + corners[f, b, axis]) * (xyz[v, axis] - xyz[u, axis])
+    return total / 6
+
+
+@kernel
+def follow_normals(xyz, faces, start, corners, gain, rounds):  # type: ignore[no-untyped-def]
+    """Move vertices in place, several rounds, to where the normals at the corners of their faces say: the mean of all.
+
+    `gain` (N, 3, 3), or empty, says how far each vertex goes in which direction.
+    """
+    for _ in range(rounds):
+        step = np.zeros((xyz.shape[0], 3))
+        for f in range(faces.shape[0]):
+            one, two = _rise(xyz, corners, faces, f, 0, 1), _rise(xyz, corners, faces, f, 1, 2)
+            three = _rise(xyz, corners, faces, f, 2, 0)
+            for axis in range(3):
+                step[faces[f, 0], axis] += (one - three) * corners[f, 0, axis]
+                step[faces[f, 1], axis] += (two - one) * corners[f, 1, axis]
+                step[faces[f, 2], axis] += (three - two) * corners[f, 2, axis]
+        for v in range(xyz.shape[0]):
+            share = 1.0 / max(start[v + 1] - start[v], 1)
+            a, b, c = share * step[v, 0], share * step[v, 1], share * step[v, 2]
+            for axis in range(3):
+                if gain.shape[0]:
+                    xyz[v, axis] += gain[v, axis, 0] * a + gain[v, axis, 1] * b + gain[v, axis, 2] * c
+                else:
+                    xyz[v, axis] += share * step[v, axis]
+
+
+@kernel
+def slide_vertices(xyz, centres, normals, start, at, share):  # type: ignore[no-untyped-def]
+    """Move vertices in place, within the planes of their faces, a share (N,) of the way to the mean of those' centres.
+
+    So those on a crease go along it and corners stay: the way is taken through ``I - mean of n nᵀ`` 16 times.
+    """
+    way, left, across = np.empty(3), np.empty(3), np.empty((3, 3))
+    for v in range(start.shape[0] - 1):
+        count = start[v + 1] - start[v]
+        if share[v] == 0 or count == 0:
+            continue
+        way[:], across[:] = 0.0, 0.0
         for p in range(start[v], start[v + 1]):
             f = at[p]
-            off = m[0] * normals[f, 0] + m[1] * normals[f, 1] + m[2] * normals[f, 2]
             for axis in range(3):
-                m[axis] -= off * normals[f, axis]
-    for axis in range(3):
-        step[axis] += m[axis]
+                way[axis] += share[v] / count * (centres[f, axis] - xyz[v, axis])
+                for other in range(3):
+                    across[axis, other] += normals[f, axis] * normals[f, other] / count
+        for _ in range(16):
+            for axis in range(3):
+                left[axis] = way[axis] - (
+                    across[axis, 0] * way[0] + across[axis, 1] * way[1] + across[axis, 2] * way[2]
+                )
+            way[:] = left
+        for axis in range(3):
+            xyz[v, axis] += way[axis]
 
 
 @kernel
 def walk(x, before, faces, start, at, first, out):  # type: ignore[no-untyped-def]
-    """Write ``2 P x - before`` (``P x`` where `first`): P takes the mean of the other corners of the faces at a vertex."""
+    """Write ``2 P x - before`` (``P x`` where `first`): P means the other corners of the faces at a vertex."""
     sums = np.empty((faces.shape[0], 3))
     for f in range(faces.shape[0]):
         for axis in range(3):

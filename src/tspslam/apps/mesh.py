@@ -15,17 +15,23 @@ from . import _mesh
 
 Index = NDArray[np.int32]
 
+_ROUNDING = 1e-9  # of the largest covariance
 _LARGEST = 1e100  # m; squares of larger numbers overflow
+_NONE = 1e-7  # of a mean edge: noise that is none; rounding of coordinates far away
+_AS_ROUGH = 0.85  # noise along the surface over that across it: from here to its inverse it is the same on all axes,
+_FOLDED = 0.04  # and beyond, where more faces are folded over; development: across only up to 0.03, else from 0.07
 _DEGREE = 96  # of the Chebyshev series: a cut that leaves one of some thousand frequencies
 _CUTS = np.geomspace(2 * np.pi / _DEGREE, np.pi / 2, 25)  # candidates, angle θ of the eigenvalue 1 - cos θ
 _BAND_LIMITED = (
     0.03  # of the noise's variance: a cut of less risk is taken; development: smooth grids to 0.015, others from 0.05
 )
-_ROUNDS = 24
-_MOVES = 6
-_WIDTH = 0.35
-_REACH = 1.2
-_SLIDE = 0.3
+_ROUNDS = (12.0, 50.0)  # of filtering: at no noise, and more for each mean edge of it
+_MOVES = 8  # of the vertices in each round
+_WIDTH = (0.22, 0.27)  # of the bell over differences of unit normals: at no noise, and more for each mean edge of it
+_CORNER = 0.25  # ... for normals at a corner
+_REACH = 1.2  # of the bell over distances, mean distances between centres of faces that touch
+_PULL = 0.01  # back to the noisy place in each round, over the noise in mean edges; at most half
+_SLIDE = 0.8  # share of the way to the middle of the faces around, in each round
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,7 @@ class _Geometry(NamedTuple):
     normals: FloatArray
     centres: FloatArray
     areas: FloatArray
+    angles: FloatArray
 
 
 def denoise_mesh(
@@ -105,28 +112,30 @@ def denoise_mesh(
     """
     points = _checked_points(xyz)
     triangles = _checked_faces(faces, len(points))
-    gain = _checked_gain(covariance, len(points))
+    unsure = _checked_covariance(covariance, len(points))
     level = _checked_noise(noise)
     mesh = _connect(triangles, len(points))
     if not len(mesh.faces):
         return points
     middle = points[mesh.used].mean(axis=0)
-    return _denoise(points - middle, mesh, gain, level) + middle
+    edge = _mean_edge(points - middle, mesh)
+    if edge == 0 or level == 0:
+        return points
+    moved = _denoise((points - middle) / edge, mesh, _gains(unsure, mesh), None if level is None else level / edge)
+    return np.where(mesh.used[:, None], moved * edge + middle, points)
 
 
 def _denoise(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float | None) -> FloatArray:
-    edge = _mean_edge(points, mesh)
+    """Denoise vertices whose mean edge is 1."""
     found = _estimate_noise(points, mesh)
     across = found.across if level is None else level
-    if across <= 1e-9 * edge:
+    if across <= _NONE:
         return points
-    isotropic = found.along > 0.85 * across and (found.folded > 0.04 or found.along < 1.15 * across)
-    variance = across**2 + (2 * across**2 if isotropic else 0)
-    if not gain.size:
-        smooth, risk = _cut_off(points, mesh, variance)
-        if risk < _BAND_LIMITED:
-            return smooth
-    return _sharpen(points, mesh, gain, isotropic)
+    isotropic = found.along > _AS_ROUGH * across and (found.folded > _FOLDED or found.along < across / _AS_ROUGH)
+    if gain.size:
+        return _sharpen(points, mesh, gain, across, slides=False)
+    smooth, risk = _cut_off(points, mesh, across**2 * (3 if isotropic else 1))
+    return smooth if risk < _BAND_LIMITED else _sharpen(points, mesh, gain, across, slides=isotropic)
 
 
 def _connect(faces: Index, n: int) -> _Mesh:
@@ -140,14 +149,30 @@ def _connect(faces: Index, n: int) -> _Mesh:
 
 def _measure(points: FloatArray, mesh: _Mesh, into: _Geometry | None = None) -> _Geometry:
     count = len(mesh.faces)
-    into = into or _Geometry(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
+    into = into or _Geometry(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty((count, 3)))
     _mesh.measure_faces(points, mesh.faces, *into)
     return into
 
 
 def _mean_edge(points: FloatArray, mesh: _Mesh) -> float:
-    corners = points[mesh.faces]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+    """Mean length of the faces' sides, also where their squares would overflow or vanish."""
+    largest = np.abs(points[mesh.used]).max()
+    if largest == 0:
+        return 0.0
+    corners = points[mesh.faces] / largest
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean() * largest)
+
+
+def _gains(covariance: FloatArray, mesh: _Mesh) -> FloatArray:
+    """Covariances over the largest eigenvalue among the vertices of the faces around; nothing from nothing."""
+    if not covariance.size:
+        return covariance
+    largest = np.linalg.eigvalsh(covariance)[:, 2]
+    around = np.zeros(len(covariance))
+    for corner in range(3):
+        np.maximum.at(around, mesh.faces[:, corner], largest[mesh.faces].max(axis=1))
+    share = np.where(around > 0, 1 / np.where(around > 0, around, 1), 0)
+    return np.ascontiguousarray(covariance * share[:, None, None])
 
 
 def _walked(points: FloatArray, mesh: _Mesh) -> FloatArray:
@@ -184,27 +209,24 @@ def _cut_off(points: FloatArray, mesh: _Mesh, variance: float) -> tuple[FloatArr
 
     Frequencies are those of the walk to a neighbour. The trace that the risk needs is that of a lattice of triangles.
     """
-    moments = _data_moments(points, mesh)
-    weight = moments[0]
-    total = variance * len(mesh.at)
     theta = np.pi * (np.arange(4 * _DEGREE) + 0.5) / (4 * _DEGREE)
-    measure = _density(moments, theta)
+    waves = np.cos(np.outer(theta, np.arange(2 * _DEGREE + 1)))
+    energy = _energy(_data_moments(points, mesh), waves) / (variance * len(mesh.at))
     lattice = _lattice_moments()
-    del weight
     best, chosen = np.inf, np.zeros(0)
     for cut in _CUTS:
         series = _step_series(float(cut))
-        response = np.cos(np.outer(theta, np.arange(_DEGREE + 1))) @ series
-        risk = ((1 - response) ** 2 @ measure) / total - 1 + 2 * float(series @ lattice)
+        lost = (1 - waves[:, : _DEGREE + 1] @ series) ** 2
+        risk = lost @ energy - 1 + 2 * float(series @ lattice)
         if risk < best:
             best, chosen = risk, series
     return _apply_series(points, mesh, chosen), float(best)
 
 
-def _density(moments: FloatArray, theta: FloatArray) -> FloatArray:
-    """Weights on `theta` that give a polynomial's mean under measured moments, exact up to their degree."""
-    factor = np.where(np.arange(len(moments)) > 0, 2.0, 1.0)
-    return np.asarray(np.cos(np.outer(theta, np.arange(len(moments)))) @ (factor * moments) / len(theta))
+def _energy(moments: FloatArray, waves: FloatArray) -> FloatArray:
+    """Weights of angles whose sums give a polynomial's mean under the data's moments, exactly up to their degree."""
+    moments = np.where(np.arange(len(moments)) > 0, 2.0, 1.0) * moments
+    return np.asarray(waves @ moments / len(waves))
 
 
 def _data_moments(points: FloatArray, mesh: _Mesh) -> FloatArray:
@@ -223,7 +245,7 @@ def _data_moments(points: FloatArray, mesh: _Mesh) -> FloatArray:
 
 
 def _lattice_moments() -> FloatArray:
-    """Means of T_k over the spectrum of the walk on the lattice of triangles, its eigenvalues those of the plane waves."""
+    """Means of T_k over the spectrum of the walk on the lattice of triangles: the eigenvalues of plane waves."""
     wave = 2 * np.pi * (np.arange(128) + 0.5) / 128
     a, b = wave[:, None], wave[None, :]
     angle = np.arccos((np.cos(a) + np.cos(b) + np.cos(a + b)) / 3).ravel()
@@ -251,20 +273,26 @@ def _apply_series(points: FloatArray, mesh: _Mesh, series: FloatArray) -> FloatA
     return np.asarray(out)
 
 
-def _sharpen(points: FloatArray, mesh: _Mesh, gain: FloatArray, isotropic: bool) -> FloatArray:
-    """Filter normals under guidance, let the vertices follow, again and again."""
+def _sharpen(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float, *, slides: bool) -> FloatArray:
+    """Filter normals under guidance, let the vertices follow, again and again; `level` is the noise in mean edges."""
     moved = points.copy()
     now = _measure(moved, mesh)
     guide, filtered = np.empty_like(now.normals), np.empty_like(now.normals)
+    corners = np.empty((len(mesh.faces), 3, 3))
     reach = _REACH * _ring_distance(now.centres, mesh)
-    slide = np.where(mesh.border, 0.0, _SLIDE if isotropic else 0.0)
-    for _ in range(_ROUNDS):
+    slide = np.where(mesh.border, 0.0, _SLIDE)
+    pull = min(_PULL / level, 0.5)
+    width = _WIDTH[0] + _WIDTH[1] * min(level, 1.0)
+    for _ in range(round(_ROUNDS[0] + _ROUNDS[1] * min(level, 1.0))):
         now = _measure(moved, mesh, now)
         _mesh.guide_normals(now.normals, now.areas, mesh.begin, mesh.near, guide)
-        _mesh.average_normals(
-            now.normals, guide, now.centres, now.areas, mesh.begin, mesh.near, reach, _WIDTH, filtered
-        )
-        _mesh.follow_normals(moved, mesh.faces, mesh.start, mesh.at, filtered, gain, slide, _MOVES)
+        _mesh.average_normals(now.normals, guide, now.centres, now.areas, mesh.begin, mesh.near, reach, width, filtered)
+        if slides:
+            _mesh.slide_vertices(moved, now.centres, filtered, mesh.start, mesh.at, slide)
+        else:
+            moved += pull * (points - moved)
+        _mesh.corner_normals(filtered, now.angles, mesh.faces, mesh.start, mesh.at, _CORNER, corners)
+        _mesh.follow_normals(moved, mesh.faces, mesh.start, corners, gain, _MOVES)
     return moved
 
 
@@ -301,8 +329,8 @@ def _checked_faces(faces: ArrayLike, n: int) -> Index:
     return np.ascontiguousarray(array, dtype=np.int32).copy()
 
 
-def _checked_gain(covariance: ArrayLike | None, n: int) -> FloatArray:
-    """Covariances over the largest of their eigenvalues near by, or nothing."""
+def _checked_covariance(covariance: ArrayLike | None, n: int) -> FloatArray:
+    """Covariances over the largest of all their entries, or nothing."""
     if covariance is None:
         return np.empty((0, 3, 3))
     array = real_array(covariance, "covariance", "(N, 3, 3)")
@@ -312,11 +340,11 @@ def _checked_gain(covariance: ArrayLike | None, n: int) -> FloatArray:
     largest = np.abs(matrices).max(initial=0.0)
     if not np.isfinite(largest):
         raise InputError("covariance is not finite, expected finite values, m²")
-    if largest == 0:
-        return np.zeros((n, 3, 3))
-    values = np.linalg.eigvalsh(matrices / largest)
-    if np.abs(matrices - matrices.transpose(0, 2, 1)).max() > 1e-9 * largest or values.min() < -1e-9:
-        raise InputError("covariance is not symmetric positive semidefinite, expected so for each vertex")
+    matrices = matrices / (largest or 1.0)
+    turned = np.abs(matrices - matrices.transpose(0, 2, 1)).max(axis=(1, 2))
+    bad = np.flatnonzero((turned > _ROUNDING) | (np.linalg.eigvalsh(matrices)[:, 0] < -_ROUNDING))
+    if len(bad):
+        raise InputError(f"covariance is not symmetric and positive semidefinite at vertex {bad[0]}, expected so")
     return matrices
 
 
