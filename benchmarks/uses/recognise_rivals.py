@@ -41,7 +41,6 @@ def tiny_image(grey: np.ndarray) -> np.ndarray:
 
 def gradients(grey: np.ndarray) -> np.ndarray:
     """Histograms of oriented gradients of the image at 128 x 96."""
-    import cv2
     from skimage.feature import hog
 
     small = cv2.resize(grey.astype(np.float32) / 255, (128, 96), interpolation=cv2.INTER_AREA)
