@@ -213,8 +213,8 @@ def test_places_are_the_most_alike_pairs_that_are_apart_in_time():
 def test_what_all_keyframes_share_tells_no_places_apart():
     own = np.eye(60)[np.r_[:30, :30]]  # keyframe k + 30 is where k was
     found = find_places(np.column_stack([np.ones(60), own]), apart=10)
-    assert (found.second[:30] - found.first[:30] == 30).all()
-    assert found.score[29] > 3 * found.score[30]
+    assert len(found.score) == 30
+    assert (found.second - found.first == 30).all()
 
 
 def test_a_mean_is_taken_out_of_both_but_nothing_stays_nothing():
