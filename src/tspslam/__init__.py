@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ._threads import set_threads as set_threads
     from .apps.cloud import denoise_cloud as denoise_cloud
     from .apps.mesh import denoise_mesh as denoise_mesh
+    from .apps.noise import estimate_noise as estimate_noise
     from .apps.quality import compare_features as compare_features
     from .apps.quality import compare_quality as compare_quality
     from .apps.quality import quality_features as quality_features
@@ -155,6 +156,7 @@ _HOMES = {
     ),
     "apps.cloud": ("denoise_cloud",),
     "apps.mesh": ("denoise_mesh",),
+    "apps.noise": ("estimate_noise",),
     "apps.quality": ("compare_features", "compare_quality", "quality_features"),
     "apps.recognise": ("compare_descriptors", "describe", "find_places"),
     "apps.segment": ("disc_labels", "segment"),

@@ -10,11 +10,14 @@ import numpy as np
 
 from ..apps.cloud import denoise_cloud
 from ..apps.mesh import denoise_mesh
+from ..apps.noise import estimate_noise
 from ..apps.signals import denoise_signals
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..types import Cloud, FloatArray, Signals
-from .given import Given
+from .given import Given, Shown
+
+LEAST_NOISE = 1e-4  # luminance: a fortieth of a step of 8-bit pixels; below it nothing changes
 
 
 def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given:
@@ -59,8 +62,22 @@ def _cloud(frame: Frame) -> Cloud:
 
 
 def _smooth(given: Given) -> Signals:
-    uv = given.shown.cloud.uv if isinstance(given.shown, Frame) else None
-    return denoise_signals(given.complex_, given.signals, uv=uv)
+    shown = given.shown
+    uv = shown.cloud.uv if isinstance(shown, Frame) else None
+    return denoise_signals(given.complex_, given.signals, uv=uv, noise=_noise(shown))
+
+
+def _noise(shown: Shown) -> float | None:
+    """What is known of the noise of a pixel: a frame's from its image, a map's from how views differ, else nothing."""
+    if isinstance(shown, Frame) and shown.image is not None:
+        found = estimate_noise(shown.image)
+    elif isinstance(shown, TopologicalMap) and (np.asarray(shown.view_count.vertex) > 1).any():
+        count = np.asarray(shown.view_count.vertex)
+        several = count > 1
+        found = float(np.sqrt(np.median(np.asarray(shown.view_variance.vertex)[several] / (count[several] - 1))))
+    else:
+        return None
+    return max(found, LEAST_NOISE)
 
 
 def describe_change(before: Given, after: Given) -> dict[str, Any]:
