@@ -22,6 +22,8 @@ _AS_ROUGH = 0.85  # noise along the surface over that across it: from here to it
 _FOLDED = 0.04  # and beyond, where more faces are folded over; development: across only up to 0.03, else from 0.07
 _DEGREE = 96  # of the Chebyshev series: a cut that leaves one of some thousand frequencies
 _CUTS = np.geomspace(2 * np.pi / _DEGREE, np.pi / 2, 25)  # candidates, angle θ of the eigenvalue 1 - cos θ
+_HIGH = 1.0  # angle from which frequencies are high: most of a lattice's
+_ALIKE = 0.2  # relative difference of variances that are taken for the same
 _BAND_LIMITED = (
     0.03  # of the noise's variance: a cut of less risk is taken; development: smooth grids to 0.015, others from 0.05
 )
@@ -183,7 +185,7 @@ def _walked(points: FloatArray, mesh: _Mesh) -> FloatArray:
 
 
 def _estimate_noise(points: FloatArray, mesh: _Mesh) -> _Noise:
-    """Medians of second differences of second differences: what is smooth to third order drops out."""
+    """Quartiles of second differences of second differences: creases, and what is smooth to third order, drop out."""
     smooth = points
     for _ in range(5):
         smooth = (smooth + _walked(smooth, mesh)) / 2
@@ -198,26 +200,32 @@ def _estimate_noise(points: FloatArray, mesh: _Mesh) -> _Noise:
     normals = normals[mesh.used]
     across = np.einsum("ij,ij->i", twice, normals)
     along = twice - across[:, None] * normals
-    # medians of |N(0, 1)| and of the squared length of two of them
+    lengths = np.abs(across), (along**2).sum(axis=1)
+    low, squared = (float(np.quantile(length, 0.25)) for length in lengths)
     return _Noise(
-        float(np.median(np.abs(across))) / 0.6745, float(np.sqrt(np.median((along**2).sum(axis=1)) / 1.3863)), folded
-    )
+        low / 0.31864, float(np.sqrt(squared / 0.57536)), folded
+    )  # quartiles of |N(0, 1)|, and of two squares
 
 
 def _cut_off(points: FloatArray, mesh: _Mesh, variance: float) -> tuple[FloatArray, float]:
     """Drop all frequencies above that with the least unbiased risk (Stein); return it as a share of the noise's.
 
     Frequencies are those of the walk to a neighbour. The trace that the risk needs is that of a lattice of triangles.
+    Where the high frequencies hold about as much as noise of `variance`, they say how much exactly.
     """
     theta = np.pi * (np.arange(4 * _DEGREE) + 0.5) / (4 * _DEGREE)
     waves = np.cos(np.outer(theta, np.arange(2 * _DEGREE + 1)))
     energy = _energy(_data_moments(points, mesh), waves) / (variance * len(mesh.at))
-    lattice = _lattice_moments()
+    lattice = _lattice(len(theta))
+    high = (1 - waves[:, : _DEGREE + 1] @ _step_series(_HIGH)) ** 2
+    measured = (high @ energy) / (high @ lattice)
+    if abs(measured - 1) < _ALIKE:
+        energy /= measured
     best, chosen = np.inf, np.zeros(0)
     for cut in _CUTS:
         series = _step_series(float(cut))
-        lost = (1 - waves[:, : _DEGREE + 1] @ series) ** 2
-        risk = lost @ energy - 1 + 2 * float(series @ lattice)
+        response = waves[:, : _DEGREE + 1] @ series
+        risk = (1 - response) ** 2 @ energy - 1 + 2 * response @ lattice
         if risk < best:
             best, chosen = risk, series
     return _apply_series(points, mesh, chosen), float(best)
@@ -244,14 +252,12 @@ def _data_moments(points: FloatArray, mesh: _Mesh) -> FloatArray:
     return moments
 
 
-def _lattice_moments() -> FloatArray:
-    """Means of T_k over the spectrum of the walk on the lattice of triangles: the eigenvalues of plane waves."""
+def _lattice(bins: int) -> FloatArray:
+    """Share of the walk's spectrum on the lattice of triangles in each bin of 0 to π: cosines are plane waves' means."""
     wave = 2 * np.pi * (np.arange(128) + 0.5) / 128
     a, b = wave[:, None], wave[None, :]
-    angle = np.arccos((np.cos(a) + np.cos(b) + np.cos(a + b)) / 3).ravel()
-    counts, edges = np.histogram(angle, 2048, (0, np.pi))
-    centre = (edges[1:] + edges[:-1]) / 2
-    return np.asarray(np.cos(np.outer(np.arange(_DEGREE + 1), centre)) @ counts / counts.sum())
+    counts, _ = np.histogram(np.arccos((np.cos(a) + np.cos(b) + np.cos(a + b)) / 3), bins, (0, np.pi))
+    return np.asarray(counts / counts.sum())
 
 
 def _step_series(cut: float) -> FloatArray:
