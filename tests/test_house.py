@@ -52,7 +52,7 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     "datasets": {"vision", "io"} | GROUND,
     "io": {"frame", "topological_map", "topology", "vision"} | GROUND,
     "view": {"frame", "topological_map"} | GROUND,
-    "apps": {"vision", "topology"} | GROUND,
+    "apps": {"topology"} | GROUND,
     "mapping": {"frame", "topological_map", "vision", "topology"} | GROUND,
     "topological_map": {"topology"} | GROUND,
     "frame": {"vision", "topology"} | GROUND,
