@@ -161,15 +161,16 @@ def test_other_numbers_of_vertices_and_faces_change_names_only(folded, seed):
 
 
 @pytest.mark.parametrize("given", [True, False])
-def test_units_and_turns_do_not_matter(folded, given):
+@pytest.mark.parametrize("unit", [1000, 1e30, 1e-30])
+def test_units_and_turns_do_not_matter(folded, given, unit):
     complex_, uv, _, xyz = folded
     signals = sample_signals(textured(uv), uv, complex_)
     noise = np.tile(np.diag([0.02, 0.03, 0.04]) ** 2, (len(xyz), 1, 1)) if given else None
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    millimetres = 1000 * (xyz @ turn.T + (5, -7, 9))
-    turned = 1e6 * turn @ noise @ turn.T if given else None
+    turned = unit**2 * turn @ noise @ turn.T if given else None
     one = segment(complex_, signals, xyz=xyz, covariance=noise, scale=0.3)
-    two = segment(complex_, signals, xyz=millimetres, covariance=turned, scale=0.3)
+    moved = unit * (xyz @ turn.T + (5, -7, 9))
+    two = segment(complex_, signals, xyz=moved, covariance=turned, scale=0.3)
     assert one.max() > 3
     assert rand(one, two) == 1
 
@@ -192,6 +193,22 @@ def test_off_plane_agrees_with_the_generalised_eigenvalue():
         scatter = (xyz - xyz.mean(axis=0)).T @ (xyz - xyz.mean(axis=0))
         expected = eigh(scatter, len(xyz) * (C + 1e-4 * np.trace(C) * np.eye(3)), eigvals_only=True)[0]
         assert _segment.off_plane(s) == pytest.approx(expected, rel=1e-5)
+
+
+def test_points_on_a_line_lie_in_a_plane():
+    s = np.zeros(_segment.GEOMETRY)
+    assert _segment.off_plane(s) == 0
+    for t in np.linspace(-3, 7, 9):
+        _segment.add_point(np.array([1.1, -0.7, 0.3]) * t + 5, np.eye(3) * 1e-4, 1.0, s)
+    assert _segment.off_plane(s) == 0
+
+
+def test_noise_is_measured_on_the_surface(folded):
+    complex_, _, _, xyz = folded
+    degree = np.bincount(complex_.edges.ravel(), minlength=complex_.n)
+    spread = _segment.ring_spread(complex_.edges, xyz, degree)
+    assert np.median(spread[spread >= 0]) == pytest.approx(0.05, rel=0.2)
+    assert (spread[degree < 4] == -1).all()
 
 
 def test_faces_without_a_signal_go_with_their_plane(folded):
@@ -265,7 +282,7 @@ BAD = {
     "scale is 0, expected a number above 0": {"scale": 0},
     "scale is nan, expected a number above 0": {"scale": np.nan},
     "xyz has shape (3, 3), expected (441, 3)": {"xyz": np.eye(3)},
-    "xyz: row 0 is infinite": {"xyz": np.full((441, 3), np.inf)},
+    "xyz: row 0 has numbers over 1e+75": {"xyz": np.full((441, 3), np.inf)},
     "covariance is given without xyz": {"covariance": np.zeros((441, 3, 3))},
     "covariance has negative variances": {"xyz": np.zeros((441, 3)), "covariance": np.full((441, 3, 3), -1.0)},
     "normals has shape (5, 3), expected (800, 3) or (441, 3)": {"normals": np.ones((5, 3))},
@@ -289,12 +306,15 @@ def test_signals_and_complexes_that_do_not_fit_are_refused(folded):
     small = sample_signals(flat_grey(small_uv), small_uv, other)
     cells = merge_cells(other, np.arange(len(other.faces)))
     for call, line in (
-        (lambda: segment(complex_, small), "signals are on 9 vertices and 8 faces"),
+        (
+            lambda: segment(complex_, small),
+            "signals are on (9, 16, 8) vertices, edges and faces, expected (441, 1240, 800)",
+        ),
         (lambda: segment(cells, small), "expected triangles"),
         (lambda: segment(other, None), "expected a Signals"),
         (lambda: segment(None, small), "expected a Complex"),
         (lambda: segment(other, small, tmahf(complex_, uv, signals)), "response is at 441 vertices, expected 9"),
-        (lambda: segment(other, replace(small, face=np.full(8, np.nan))), "not finite"),
+        (lambda: segment(other, replace(small, face=np.full(8, np.nan))), "face has values that are no numbers"),
         (lambda: disc_labels(other, [0.5] * 8), "expected (8,) integers"),
     ):
         with pytest.raises(InputError) as error:
