@@ -187,24 +187,26 @@ def _choose(a, b, shared, cost, best, is_new):  # type: ignore[no-untyped-def]
 
 @kernel
 def _join(a, b, shared, cost, parent):  # type: ignore[no-untyped-def]
-    """Pairs of the regions that are left, each once, by number."""
-    keys, kept, size = np.empty(a.shape[0], np.int64), np.empty(a.shape[0], np.int64), parent.shape[0]
-    m = 0
-    for k in range(a.shape[0]):
+    """Pairs of the regions that are left, each once: those that stay as they are, then the new ones by number."""
+    size, m = parent.shape[0], a.shape[0]
+    first, second, length, price = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
+    keys, changed, n_changed, q = np.empty(m, np.int64), np.empty(m, np.int64), 0, 0
+    for k in range(m):
         i = parent[a[k]] if parent[a[k]] >= 0 else a[k]
         j = parent[b[k]] if parent[b[k]] >= 0 else b[k]
-        if i != j:
-            keys[m], kept[m] = min(i, j) * size + max(i, j), k
-            m += 1
-    order = np.argsort(keys[:m], kind="mergesort")
-    first, second, length, price = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
-    q = 0
-    for p in range(m):
-        key, k = keys[order[p]], kept[order[p]]
-        if q > 0 and first[q - 1] * size + second[q - 1] == key:
-            length[q - 1] += shared[k]
+        if i == a[k] and j == b[k]:
+            first[q], second[q], length[q], price[q] = i, j, shared[k], cost[k]
+            q += 1
+        elif i != j:
+            keys[n_changed], changed[n_changed] = min(i, j) * size + max(i, j), k
+            n_changed += 1
+    last = -1
+    for p in np.argsort(keys[:n_changed], kind="mergesort"):
+        if keys[p] == last:
+            length[q - 1] += shared[changed[p]]
         else:
-            first[q], second[q], length[q], price[q] = key // size, key % size, shared[k], cost[k]
+            last = keys[p]
+            first[q], second[q], length[q] = last // size, last % size, shared[changed[p]]
             q += 1
     return first[:q].copy(), second[:q].copy(), length[:q].copy(), price[:q].copy()
 
