@@ -84,7 +84,7 @@ def samples(folder: Path) -> Places:
     for k in range(1, 85):
         grey = np.uint8(255 * luminance(read_image(folder / f"{k}.jpg")) + 0.5)
         uv = OrbDetector()(grey).uv
-        views.append(View(grey, uv, Delaunay(uv).simplices))
+        views.append(View(grey, uv, Delaunay(uv).simplices if len(uv) > 2 else np.zeros((0, 3), np.int32)))
     same = read_image(folder / "samples_GT.bmp") > 0
     later = np.subtract.outer(np.arange(84), np.arange(84))
     return Places("rtabmap_samples", views, same & (later >= 10), ~same & (later >= 10))

@@ -15,14 +15,14 @@ SAMPLE, FARTHEST = 400, 64  # descriptors of a query, bits: the defaults of relo
 
 
 def votes(greys: list[np.ndarray], may_match: np.ndarray) -> np.ndarray:
-    """Shares of votes of ORB descriptors, as relocalisation counts them; (K, K), row q votes for columns.
+    """Votes of ORB descriptors, as relocalisation counts them, over 400; (K, K), row q votes for columns.
 
     Each of a sample of an image's descriptors votes for the image with the nearest one, if that is within 64 bits, of
-    those images that `may_match` (K, K) allows it.
+    those images that `may_match` (K, K) allows it. Votes are counted, not shares: an image of few corners gives few.
     """
     found = [binary_descriptors(OrbDetector()(grey).descriptor).view(np.uint8) for grey in greys]
     matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
-    shares = np.zeros((len(greys), len(greys)))
+    counts = np.zeros((len(greys), len(greys)))
     for q, own in enumerate(found):
         sample = np.ascontiguousarray(own[:: max(1, len(own) // SAMPLE)])
         known = [k for k in np.flatnonzero(may_match[q]) if len(found[k])]
@@ -30,8 +30,8 @@ def votes(greys: list[np.ndarray], may_match: np.ndarray) -> np.ndarray:
             continue
         bits = np.array([[one.distance for one in matcher.match(sample, found[k])] for k in known])
         best = bits.argmin(axis=0)[bits.min(axis=0) <= FARTHEST]
-        shares[q, known] = np.bincount(best, minlength=len(known)) / len(sample)
-    return shares
+        counts[q, known] = np.bincount(best, minlength=len(known)) / SAMPLE
+    return counts
 
 
 def tiny_image(grey: np.ndarray) -> np.ndarray:

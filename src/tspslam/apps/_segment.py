@@ -15,26 +15,33 @@ from .._jit import inlined, kernel
 
 GEOMETRY, NORMALS = 21, 17
 _SINGULAR = 1e-4  # of the trace: what keeps noise along rays alone invertible
+_ON_A_LINE = 1e-9  # width over length, squared, of points that lie on a line, and so in a plane
+_STEPS, _ENOUGH = 30, 1e-9  # of Newton's: 3 where a region is flat, 30 for a double root to 1e-9
 _BEND = 0.03  # mean of sin² between noisy normals of one flat region: 10 degrees
 
 
 @inlined
-def _least_eigenvalue(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
-    """Of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], in closed form; not below 0."""
-    q = (a + d + f) / 3
-    p = math.sqrt(((a - q) ** 2 + (d - q) ** 2 + (f - q) ** 2 + 2 * (b * b + c * c + e * e)) / 6)
-    if p <= 0:
-        return max(q, 0.0)
-    a, b, c, d, e, f = (a - q) / p, b / p, c / p, (d - q) / p, e / p, (f - q) / p
-    half = (a * (d * f - e * e) - b * (b * f - e * c) + c * (b * e - d * c)) / 2
-    return max(q + 2 * p * math.cos(math.acos(min(1.0, max(-1.0, half))) / 3 + 2 * math.pi / 3), 0.0)
+def _least_root(c0, c1, c2, c3):  # type: ignore[no-untyped-def]
+    """Least root of c0 - c1 λ + c2 λ² - c3 λ³, all of whose roots are positive: Newton from 0 climbs to it."""
+    if c0 <= 0 or c1 * c3 < _ON_A_LINE * c2 * c2:
+        return 0.0
+    x = 0.0
+    for _ in range(_STEPS):
+        slope = c1 - x * (2 * c2 - 3 * c3 * x)
+        if slope <= 0:
+            break
+        step = (c0 - x * (c1 - x * (c2 - c3 * x))) / slope
+        x += step
+        if step <= _ENOUGH * x:
+            break
+    return x
 
 
 @kernel
 def off_plane(s):  # type: ignore[no-untyped-def]
     """Mean square distance of points to their best plane over that which their covariances let expect.
 
-    It is the least λ of S n = λ C n, with scatter S = L (..) Lᵀ seen in the frame where C = L Lᵀ is one.
+    It is the least λ of det(S - λ C) = 0, with the scatter S of the points and the sum C of their covariances.
     """
     w = s[1]
     if w <= 0:
@@ -43,18 +50,12 @@ def off_plane(s):  # type: ignore[no-untyped-def]
     a, b, c = s[5] - w * x * x, s[6] - w * x * y, s[7] - w * x * z
     d, e, f = s[8] - w * y * y, s[9] - w * y * z, s[10] - w * z * z
     more = _SINGULAR * (s[11] + s[14] + s[16])
-    l11 = math.sqrt(s[11] + more)
-    l21, l31 = s[12] / l11, s[13] / l11
-    l22 = math.sqrt(max(s[14] + more - l21 * l21, more))
-    l32 = (s[15] - l31 * l21) / l22
-    l33 = math.sqrt(max(s[16] + more - l31 * l31 - l32 * l32, more))
-    i11, i22, i33 = 1 / l11, 1 / l22, 1 / l33
-    i21, i32 = -l21 * i11 * i22, -l32 * i22 * i33
-    i31 = (l21 * l32 - l31 * l22) * i11 * i22 * i33
-    y1, y2 = a * i21 + b * i22, b * i21 + d * i22
-    z1, z2, z3 = a * i31 + b * i32 + c * i33, b * i31 + d * i32 + e * i33, c * i31 + e * i32 + f * i33
-    m22, m23, m33 = i21 * y1 + i22 * y2, i21 * z1 + i22 * z2, i31 * z1 + i32 * z2 + i33 * z3
-    return _least_eigenvalue(i11 * i11 * a, i11 * y1, i11 * z1, m22, m23, m33)
+    g, h, i, j, k, m = s[11] + more, s[12], s[13], s[14] + more, s[15], s[16] + more
+    sa, sb, sc, sd, se, sf = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    ca, cb, cc, cd, ce, cf = j * m - k * k, i * k - h * m, h * k - i * j, g * m - i * i, h * i - g * k, g * j - h * h
+    first = sa * g + sd * j + sf * m + 2 * (sb * h + sc * i + se * k)
+    second = ca * a + cd * d + cf * f + 2 * (cb * b + cc * c + ce * e)
+    return _least_root(a * sa + b * sb + c * sc, first, second, g * ca + h * cb + i * cc)
 
 
 @kernel
@@ -147,8 +148,7 @@ def merge_tree(sums, pairs, length, weight, floor):  # type: ignore[no-untyped-d
     is_new, best, count = np.ones(2 * n, np.bool_), np.full(2 * n, -1), n
     while a.shape[0] > 0:
         _price(a, b, shared, rows, own, is_new, weight, floor, cost)
-        _choose(a, b, shared, cost, best)
-        is_new[:] = False
+        _choose(a, b, shared, cost, best, is_new)
         for k in range(a.shape[0]):
             if best[a[k]] == k and best[b[k]] == k:
                 rows[count] = rows[a[k]] + rows[b[k]]
@@ -173,10 +173,11 @@ def _price(a, b, shared, rows, own, is_new, weight, floor, cost):  # type: ignor
 
 
 @kernel
-def _choose(a, b, shared, cost, best):  # type: ignore[no-untyped-def]
-    """Each region's best pair: the cheapest; of equals the one that shares most, then the first."""
+def _choose(a, b, shared, cost, best, is_new):  # type: ignore[no-untyped-def]
+    """Each region's best pair: the cheapest; of equals the one that shares most, then the first. None is new now."""
     for k in range(a.shape[0]):
         best[a[k]] = best[b[k]] = -1
+        is_new[a[k]] = is_new[b[k]] = False
     for k in range(a.shape[0]):
         for i in (a[k], b[k]):
             p = best[i]
@@ -186,24 +187,26 @@ def _choose(a, b, shared, cost, best):  # type: ignore[no-untyped-def]
 
 @kernel
 def _join(a, b, shared, cost, parent):  # type: ignore[no-untyped-def]
-    """Pairs of the regions that are left, each once, by number."""
-    keys, kept, size = np.empty(a.shape[0], np.int64), np.empty(a.shape[0], np.int64), parent.shape[0]
-    m = 0
-    for k in range(a.shape[0]):
+    """Pairs of the regions that are left, each once: those that stay as they are, then the new ones by number."""
+    size, m = parent.shape[0], a.shape[0]
+    first, second, length, price = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
+    keys, changed, n_changed, q = np.empty(m, np.int64), np.empty(m, np.int64), 0, 0
+    for k in range(m):
         i = parent[a[k]] if parent[a[k]] >= 0 else a[k]
         j = parent[b[k]] if parent[b[k]] >= 0 else b[k]
-        if i != j:
-            keys[m], kept[m] = min(i, j) * size + max(i, j), k
-            m += 1
-    order = np.argsort(keys[:m], kind="mergesort")
-    first, second, length, price = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(m), np.empty(m)
-    q = 0
-    for p in range(m):
-        key, k = keys[order[p]], kept[order[p]]
-        if q > 0 and first[q - 1] * size + second[q - 1] == key:
-            length[q - 1] += shared[k]
+        if i == a[k] and j == b[k]:
+            first[q], second[q], length[q], price[q] = i, j, shared[k], cost[k]
+            q += 1
+        elif i != j:
+            keys[n_changed], changed[n_changed] = min(i, j) * size + max(i, j), k
+            n_changed += 1
+    last = -1
+    for p in np.argsort(keys[:n_changed], kind="mergesort"):
+        if keys[p] == last:
+            length[q - 1] += shared[changed[p]]
         else:
-            first[q], second[q], length[q], price[q] = key // size, key % size, shared[k], cost[k]
+            last = keys[p]
+            first[q], second[q], length[q] = last // size, last % size, shared[changed[p]]
             q += 1
     return first[:q].copy(), second[:q].copy(), length[:q].copy(), price[:q].copy()
 

@@ -16,15 +16,14 @@ Labels = NDArray[np.int32]
 
 # Chosen, where nothing else is said, on rooms, corridors and streets of seeds 100 to 104.
 MERGE = 5.0  # energy for each edge of border up to which regions merge at scale 1
-LUMINANCE = (
-    0.05  # weight of a face, where a point has 1: 0.025, 0.05, 0.1, 0.2 give a boundary F of 0.64, 0.63, 0.61, 0.60
-)
-TEXTURE = 0.03  # weight of all responses together: they moved no measure there by more than 0.02
+LUMINANCE = 0.05  # weight of a face, where a point has 1: 0.025, 0.05, 0.1, 0.2 give an F of 0.64, 0.63, 0.61, 0.60
+TEXTURE = 0.03  # weight of all responses together; 0.1 costs 0.05 of F there, 0.03 up to 0.03
 DARKEST = 3e-3  # variance of luminance, (5 %)², below which a region is of one colour; 1e-3 gives the same to 0.01
 EVEN = 0.05  # of a response's variance over the complex, below which a region has one texture; by hand
 STEP = 0.15  # of luminance over an edge at which it joins 1/e as much; 0.08 loses 0.01 of F, 0.3 as much
 JOINS = 0.1  # what is left of an edge in any step
 LEAST_NOISE = 0.02  # of the mean length of edges: positions without a covariance are not better known; by hand
+LARGEST = 1e75  # whose squares are numbers, and the squares of these
 NOT_UNIT = 1e-3  # off 1: rounding to float32 and to text stays within
 
 
@@ -172,13 +171,14 @@ def _check_triangles(complex_: Complex) -> None:
 def _check_complex(complex_: Complex, signals: Signals) -> None:
     _check_triangles(complex_)
     require(signals, Signals, "signals")
-    found, wanted = (len(signals.vertex), len(signals.face)), (complex_.n, len(complex_.faces))
+    found = len(signals.vertex), len(signals.edge), len(signals.face)
+    wanted = complex_.n, len(complex_.edges), len(complex_.faces)
     if found != wanted:
+        raise InputError(f"signals are on {found} vertices, edges and faces, expected {wanted}")
+    if not (np.abs(signals.face) <= LARGEST).all():
         raise InputError(
-            f"signals are on {found[0]} vertices and {found[1]} faces, expected {wanted[0]} and {wanted[1]}"
+            f"signals: face has values that are no numbers up to {LARGEST:g}; mark unknown ones by face_ok"
         )
-    if not np.isfinite(signals.face).all():
-        raise InputError("signals: face has values that are not finite, expected numbers; mark unknown ones by face_ok")
 
 
 def _checked_scale(scale: float) -> float:
@@ -203,44 +203,52 @@ def _checked_rows(values: ArrayLike, what: str, shapes: tuple[tuple[int, ...], .
     if rows.shape not in shapes:
         raise InputError(f"{what} has shape {rows.shape}, expected {expected}")
     known: BoolArray = ~np.asarray(np.isnan(rows).any(axis=tuple(range(1, rows.ndim))))
-    bad = np.flatnonzero(np.isinf(rows).any(axis=tuple(range(1, rows.ndim))))
+    bad = np.flatnonzero((np.abs(rows) > LARGEST).any(axis=tuple(range(1, rows.ndim))))
     if len(bad):
-        raise InputError(f"{what}: row {bad[0]} is infinite, expected numbers, or NaN where not known")
+        raise InputError(f"{what}: row {bad[0]} has numbers over {LARGEST:g}, expected smaller, or NaN where not known")
     rows[~known] = 0
     return rows, known
 
 
 def _positions(complex_: Complex, xyz: ArrayLike | None, covariance: ArrayLike | None) -> _Points | None:
-    """Positions about their middle, with the covariance that was given or measured."""
+    """Positions about their middle in mean lengths of edges, with the covariance that was given or measured."""
     if xyz is None:
         if covariance is not None:
             raise InputError("covariance is given without xyz, expected the positions that it belongs to")
         return None
     points, known = _checked_rows(xyz, "xyz", ((complex_.n, 3),))
     points = np.where(known[:, None], points - points[known].mean(axis=0), 0) if known.any() else points
-    length, rough = _roughness(complex_, points, known)
+    edges = complex_.edges[known[complex_.edges].all(axis=1)]
+    length = _lengths(points, edges)
+    unit = float(length[length > 0].mean()) if (length > 0).any() else 1.0
+    points, length = points / unit, length / unit
     if covariance is None:
         noise, surely = np.zeros((complex_.n, 3, 3)), known
-        least = np.maximum(rough, LEAST_NOISE) * length
+        least = max(_roughness(points, edges, length), LEAST_NOISE) * length
     else:
         noise, surely = _checked_rows(covariance, "covariance", ((complex_.n, 3, 3),))
-        if (np.trace(noise, axis1=1, axis2=2) < 0).any() or (np.diagonal(noise, axis1=1, axis2=2) < 0).any():
+        if (np.diagonal(noise, axis1=1, axis2=2) < 0).any():
             raise InputError("covariance has negative variances, expected symmetric positive matrices")
+        noise /= unit**2
         least = 1e-3 * length  # of known noise nothing is added; none at all would weigh without bound
     return _Points(points, noise + (least**2)[:, None, None] * np.eye(3), known & surely & (length > 0))
 
 
-def _roughness(complex_: Complex, xyz: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
-    """Mean length of the edges at each vertex, and the noise along normals in these lengths: one for the surface."""
+def _lengths(xyz: FloatArray, edges: NDArray[np.int32]) -> FloatArray:
+    """Mean length of the edges at each vertex; 0 where there is none."""
+    degree = np.bincount(edges.ravel(), minlength=len(xyz))
+    length = np.repeat(np.linalg.norm(xyz[edges[:, 0]] - xyz[edges[:, 1]], axis=1), 2)
+    mean: FloatArray = np.bincount(edges.ravel(), length, len(xyz)) / np.maximum(degree, 1)
+    return mean
+
+
+def _roughness(xyz: FloatArray, edges: NDArray[np.int32], length: FloatArray) -> float:
+    """Noise across the surface in mean lengths of edges: the median over the vertices."""
     from . import _segment
 
-    edges = complex_.edges[known[complex_.edges].all(axis=1)]
-    degree = np.bincount(edges.ravel(), minlength=complex_.n)
-    length = np.repeat(np.linalg.norm(xyz[edges[:, 0]] - xyz[edges[:, 1]], axis=1), 2)
-    span = np.bincount(edges.ravel(), length, complex_.n) / np.maximum(degree, 1)
-    spread = _segment.ring_spread(edges, xyz, degree)
-    inner = (spread >= 0) & (span > 0)
-    return span, float(np.median(spread[inner] / span[inner])) if inner.any() else 0.0
+    spread = _segment.ring_spread(edges, xyz, np.bincount(edges.ravel(), minlength=len(xyz)))
+    inner = (spread >= 0) & (length > 0)
+    return float(np.median(spread[inner] / length[inner])) if inner.any() else 0.0
 
 
 def _gathered(
@@ -260,15 +268,10 @@ def _gathered(
         _segment.add_corners(complex_.faces, points.xyz, points.covariance, share, sums)
     if normals is not None:
         sums[:, _segment.NORMALS : _segment.GEOMETRY] = _checked_normals(complex_, normals)
-    for k, feature in enumerate(features):
-        at = _segment.GEOMETRY + 3 * k
-        sums[:, at : at + 3] = feature.amount[:, None] * np.stack(
-            [np.ones(len(sums)), feature.value, feature.value**2], 1
-        )
-    weight, floor = (
-        np.array([feature.weight for feature in features]),
-        np.array([feature.floor for feature in features]),
-    )
+    for k, (value, amount, _, _) in enumerate(features):
+        columns = [amount, amount * value, amount * value**2]
+        sums[:, _segment.GEOMETRY + 3 * k : _segment.GEOMETRY + 3 * k + 3] = np.stack(columns, axis=1)
+    weight, floor = np.array([feature[2:] for feature in features]).reshape(-1, 2).T.copy()
     return _Evidence(sums, weight, floor)
 
 
@@ -300,14 +303,12 @@ def _textures(complex_: Complex, response: Response | Bank | None) -> list[_Feat
         )
     if len(response.z) != complex_.n:
         raise InputError(f"response is at {len(response.z)} vertices, expected {complex_.n}")
-    magnitude = np.abs(response.z).reshape(complex_.n, -1)
-    defined = np.broadcast_to(
-        response.defined.reshape(response.defined.shape + (1,) * (response.z.ndim - response.defined.ndim)),
-        response.z.shape,
-    ).reshape(complex_.n, -1)
-    return [
-        _texture(complex_, *column, TEXTURE / magnitude.shape[1]) for column in zip(magnitude.T, defined.T, strict=True)
-    ]
+    magnitude, defined = np.abs(response.z), response.defined
+    while defined.ndim < magnitude.ndim:  # all channels are defined where one is
+        defined = defined[..., None]
+    known = np.broadcast_to(defined, magnitude.shape).reshape(complex_.n, -1)
+    columns = zip(magnitude.reshape(complex_.n, -1).T, known.T, strict=True)
+    return [_texture(complex_, values, ok, TEXTURE / known.shape[1]) for values, ok in columns]
 
 
 def _texture(complex_: Complex, magnitude: FloatArray, defined: BoolArray, weight: float) -> _Feature:
