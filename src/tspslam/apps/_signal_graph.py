@@ -17,16 +17,10 @@ BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, ove
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
 TEXTURE = 0.45  # of what edges show more than vertices: how much is texture in the vertices; development photographs
-WHITE = (
-    1.55  # pixels of an edge that share the noise of a vertex at its end: a bilinear sample takes four, two on the line
-)
-WIDE = (
-    1.4,
-    0.1,
-    2.2,
-)  # pixels that share its texture: a constant, growth with the edge's pixels, most; development data
-LONG, CHOSEN = (8.0, 13.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
-LEAST_WHITE, DOUBT = 0.003, 0.1  # least share; taken off it, as too much noise does harm and too little does not
+WHITE = 1.65  # pixels of an edge that share the noise of a vertex at its end; measured, as the next three
+WIDE = (1.4, 0.1, 2.2)  # pixels that share its texture: a constant, growth with the edge's pixels, most
+LONG, CHOSEN = (5.0, 9.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
+LEAST_WHITE, DOUBT = 0.003, 0.05  # least share; taken off it, as too much noise does harm and too little does not
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 
 
