@@ -52,7 +52,17 @@ class Constants(NamedTuple):
         return brief(self)
 
     def at(self, ratio: float) -> FloatArray:
-        """Return even, weight, least, slant at a ratio, (4,)."""
+        """Even, weight, least and slant, no longer logarithms.
+
+        Parameters
+        ----------
+        ratio : float
+            Logarithm of noise over contrast.
+
+        Returns
+        -------
+        (4,) float64
+        """
         return np.exp([np.interp(ratio, self.ratio, values) for values in self[3:]])
 
 
@@ -148,8 +158,8 @@ def denoise(
     ----------
     graph : Graph
         The complex.
-    y : (n + E + F,) float64
-        Noisy signals, as `Graph.pack` gives them.
+    y : (M,) float64
+        Noisy signals of all M elements, as `Graph.pack` gives them.
     noise : float or None
         Standard deviation in a pixel; None: estimated.
     tensor : (n, 3) float64 or None
@@ -159,7 +169,7 @@ def denoise(
 
     Returns
     -------
-    (n + E + F,) float64
+    (M,) float64
     """
     from . import _signals
 
@@ -188,8 +198,8 @@ def slopes(graph: Graph, x: FloatArray) -> FloatArray:
     ----------
     graph : Graph
         The complex.
-    x : (n + E + F,) float64
-        Signals.
+    x : (M,) float64
+        Signals of all M elements.
 
     Returns
     -------
