@@ -29,7 +29,7 @@ class Graph(NamedTuple):
 
     Attributes
     ----------
-    order : (F,) int64
+    order : (F,) uint32
         Faces by their first vertex, as edges are: what is near in one array is near in the others.
     edges, faces, face_edges : (E, 2), (F, 3), (F, 3) uint32
         Of the complex, faces in that order.
@@ -41,7 +41,7 @@ class Graph(NamedTuple):
         Noise's variance in a pixel over that in the element; 0 without a signal.
     """
 
-    order: NDArray[np.int64]
+    order: NDArray[np.uint32]
     edges: NDArray[np.uint32]
     faces: NDArray[np.uint32]
     face_edges: NDArray[np.uint32]
@@ -92,9 +92,10 @@ def build_graph(complex_: Complex, signals: Signals, uv: ArrayLike | None = None
     -------
     Graph
     """
+    from ..topology._locality import order_by_cell
     from . import _signals
 
-    order = np.argsort(complex_.faces[:, 0], kind="stable")
+    order = order_by_cell(np.arange(complex_.n), complex_.n, complex_.faces[:, 0])
     edges, faces, face_edges = (
         np.ascontiguousarray(part, np.int32).view(np.uint32)
         for part in (complex_.edges, complex_.faces[order], complex_.face_edges[order])
