@@ -303,12 +303,14 @@ def test_bad_input_is_one_line():
         ({"uv": uv[:5]}, "uv has shape"),
         ({"uv": uv * np.nan}, "uv is NaN"),
         ({"noise": -1}, "noise is -1"),
+        ({"noise": 1e200}, "noise is 1e"),
+        ({"response": Response(np.zeros(n, complex), 1, np.ones(3, bool))}, r"shape \(900,\), \(3,\) of defined"),
         ({"noise": True}, "noise is True"),
         ({"noise": [0.1, 0.2]}, "noise is"),
         ({"response": 1}, "response"),
         ({"response": Response(np.zeros(n, complex), 2, np.ones(n, bool))}, "response has order 2"),
         ({"response": Response(np.zeros(3, complex), 1, np.ones(3, bool))}, "response has order 1 and shape"),
-        ({"response": Response(np.full(n, np.nan + 0j), 1, np.ones(n, bool))}, "response holds NaN"),
+        ({"response": Response(np.full(n, np.nan + 0j), 1, np.ones(n, bool))}, "response holds values"),
     ]
     for given, line in cases:
         with pytest.raises(InputError, match=line):

@@ -17,16 +17,10 @@ BILINEAR = 4 / 9  # mean of the sum of squared weights of a bilinear sample, ove
 FLATTEST = 0.1  # share of the vertices that tell the noise: few, so that they are flat, enough for a mean
 CHANCE = 0.21  # of pure noise: variance of the edges around those vertices over the mean of all vertices
 TEXTURE = 0.45  # of what edges show more than vertices: how much is texture in the vertices; development photographs
-WHITE = (
-    1.55  # pixels of an edge that share the noise of a vertex at its end: a bilinear sample takes four, two on the line
-)
-WIDE = (
-    1.4,
-    0.1,
-    2.2,
-)  # pixels that share its texture: a constant, growth with the edge's pixels, most; development data
-LONG, CHOSEN = (8.0, 13.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
-LEAST_WHITE, DOUBT = 0.003, 0.1  # least share; taken off it, as too much noise does harm and too little does not
+WHITE = 1.65  # pixels of an edge that share the noise of a vertex at its end; measured, as the next three
+WIDE = (1.4, 0.1, 2.2)  # pixels that share its texture: a constant, growth with the edge's pixels, most
+LONG, CHOSEN = (5.0, 9.0), (12.0, 14.0)  # px, mean lengths of edges between which that tells, and between which of all
+LEAST_WHITE, DOUBT = 0.003, 0.05  # least share; taken off it, as too much noise does harm and too little does not
 LEAST = 0.15  # share of what vertices show that is taken for noise even where all is texture
 
 
@@ -35,7 +29,7 @@ class Graph(NamedTuple):
 
     Attributes
     ----------
-    order : (F,) int64
+    order : (F,) uint32
         Faces by their first vertex, as edges are: what is near in one array is near in the others.
     edges, faces, face_edges : (E, 2), (F, 3), (F, 3) uint32
         Of the complex, faces in that order.
@@ -47,7 +41,7 @@ class Graph(NamedTuple):
         Noise's variance in a pixel over that in the element; 0 without a signal.
     """
 
-    order: NDArray[np.int64]
+    order: NDArray[np.uint32]
     edges: NDArray[np.uint32]
     faces: NDArray[np.uint32]
     face_edges: NDArray[np.uint32]
@@ -98,9 +92,10 @@ def build_graph(complex_: Complex, signals: Signals, uv: ArrayLike | None = None
     -------
     Graph
     """
+    from ..topology._locality import order_by_cell
     from . import _signals
 
-    order = np.argsort(complex_.faces[:, 0], kind="stable")
+    order = order_by_cell(np.arange(complex_.n), complex_.n, complex_.faces[:, 0])
     edges, faces, face_edges = (
         np.ascontiguousarray(part, np.int32).view(np.uint32)
         for part in (complex_.edges, complex_.faces[order], complex_.face_edges[order])

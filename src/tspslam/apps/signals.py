@@ -11,7 +11,7 @@ from .._brief import brief
 from .._checks import require
 from ..errors import InputError
 from ..topology.complex import Complex
-from ..topology.laplacian import check_values, checked_mask
+from ..topology.laplacian import LARGEST_VALUE, check_values, checked_mask
 from ..types import BoolArray, FloatArray, Response, Signals, real_array
 from ._signal_graph import Graph, build_graph, estimate_contrast, estimate_variance
 
@@ -52,7 +52,17 @@ class Constants(NamedTuple):
         return brief(self)
 
     def at(self, ratio: float) -> FloatArray:
-        """Return even, weight, least, slant at a ratio, (4,)."""
+        """Even, weight, least and slant, no longer logarithms.
+
+        Parameters
+        ----------
+        ratio : float
+            Logarithm of noise over contrast.
+
+        Returns
+        -------
+        (4,) float64
+        """
         return np.exp([np.interp(ratio, self.ratio, values) for values in self[3:]])
 
 
@@ -148,8 +158,8 @@ def denoise(
     ----------
     graph : Graph
         The complex.
-    y : (n + E + F,) float64
-        Noisy signals, as `Graph.pack` gives them.
+    y : (M,) float64
+        Noisy signals of all M elements, as `Graph.pack` gives them.
     noise : float or None
         Standard deviation in a pixel; None: estimated.
     tensor : (n, 3) float64 or None
@@ -159,7 +169,7 @@ def denoise(
 
     Returns
     -------
-    (n + E + F,) float64
+    (M,) float64
     """
     from . import _signals
 
@@ -188,8 +198,8 @@ def slopes(graph: Graph, x: FloatArray) -> FloatArray:
     ----------
     graph : Graph
         The complex.
-    x : (n + E + F,) float64
-        Signals.
+    x : (M,) float64
+        Signals of all M elements.
 
     Returns
     -------
@@ -217,12 +227,14 @@ def _tensors_of(response: Response | None, graph: Graph, signals: Signals) -> li
     if response is None:
         return None
     require(response, Response, "response")
-    z = np.where(response.defined.reshape(-1, *[1] * (response.z.ndim - 1)), response.z, 0.0)
-    if response.order != 1 or z.shape not in ((graph.n,), signals.vertex.shape):
-        expected = f"order 1 and shape {signals.vertex.shape}"
-        raise InputError(f"response has order {response.order} and shape {z.shape}, expected {expected}")
-    if not np.isfinite(z).all():
-        raise InputError("response holds NaN or infinite values, expected finite ones")
+    z, defined = np.asarray(response.z), np.asarray(response.defined)
+    shapes = ((graph.n,), signals.vertex.shape)
+    if response.order != 1 or z.shape not in shapes or defined.shape != shapes[0]:
+        found = f"order {response.order} and shape {z.shape}, {defined.shape} of defined"
+        raise InputError(f"response has {found}, expected order 1 and {signals.vertex.shape}, {shapes[0]}")
+    z = np.where(defined.reshape(-1, *[1] * (z.ndim - 1)), z, 0.0)
+    if not (np.abs(z) <= LARGEST_VALUE).all():
+        raise InputError(f"response holds values that are not finite or above {LARGEST_VALUE:g}, expected smaller ones")
     tensors = []
     for column in z.reshape(graph.n, -1).T:
         slope, tensor = np.stack([column.real, column.imag], axis=1), np.empty((graph.n, 3))
@@ -273,6 +285,6 @@ def _checked_noise(noise: float | None) -> float | None:
     if noise is None:
         return None
     value = real_array(noise, "noise", "one of")
-    if value.shape != () or isinstance(noise, bool) or not 0 < float(value) < np.inf:
+    if value.shape != () or isinstance(noise, bool) or not 0 < float(value) <= LARGEST_VALUE:
         raise InputError(f"noise is {repr(noise)[:60]}, expected a standard deviation > 0, or None")
     return float(value)
