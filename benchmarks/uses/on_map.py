@@ -63,13 +63,17 @@ def figures(name: str) -> dict[str, float]:
     for when, xyz in (("raw", made.xyz), ("denoised", moved)):
         off = truth.distance(xyz) / z
         share = mapping_measures.distance_to_truth(xyz, made.surface.faces, truth, vertex, keyframe, by="face")
-        found |= {f"{when}: vertices": 100 * float(np.median(off)), f"{when}: 95th": 100 * float(np.quantile(off, 0.95))}
+        found |= {
+            f"{when}: vertices": 100 * float(np.median(off)),
+            f"{when}: 95th": 100 * float(np.quantile(off, 0.95)),
+        }
         found |= {f"{when}: faces": 100 * share.median, f"{when}: faces 95th": 100 * share.p95}
     shape, ok = true_shapes(made, world)
-    labels = segment(
-        made.complex_, made.signals, made.response, xyz=made.xyz, covariance=made.covariance
-    )
-    found |= {"regions": int(labels.max()) + 1, "Rand index": adjusted_rand(shape[ok], labels[ok])}
+    labels = segment(made.complex_, made.signals, made.response, xyz=made.xyz, covariance=made.covariance)
+    found |= {
+        "regions": int(labels.max()) + 1,
+        "Rand index": adjusted_rand(shape[ok] - 1, labels[ok], np.ones(ok.sum())),
+    }
     return found
 
 

@@ -17,7 +17,7 @@ from ..topological_map import TopologicalMap
 from ..types import Cloud, FloatArray, Signals
 from .given import Given, Shown
 
-LEAST_NOISE = 1e-4  # luminance: a fortieth of a step of 8-bit pixels; below it nothing changes
+STRONG = 0.1  # luminance: below it, on the corners that stereo frames have for vertices, more is lost than gained
 
 
 def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given:
@@ -68,7 +68,7 @@ def _smooth(given: Given) -> Signals:
 
 
 def _noise(shown: Shown) -> float | None:
-    """What is known of the noise of a pixel: a frame's from its image, a map's from how views differ, else nothing."""
+    """Strong noise of a pixel that is known: a frame's from its image, a map's from how views differ."""
     if isinstance(shown, Frame) and shown.image is not None:
         found = estimate_noise(shown.image)
     elif isinstance(shown, TopologicalMap) and (np.asarray(shown.view_count.vertex) > 1).any():
@@ -77,7 +77,7 @@ def _noise(shown: Shown) -> float | None:
         found = float(np.sqrt(np.median(np.asarray(shown.view_variance.vertex)[several] / (count[several] - 1))))
     else:
         return None
-    return max(found, LEAST_NOISE)
+    return found if found >= STRONG else None
 
 
 def describe_change(before: Given, after: Given) -> dict[str, Any]:
