@@ -109,12 +109,16 @@ def test_a_constant_image_is_like_nothing_not_even_itself(layout, level):
 
 
 @LAYOUTS
-def test_no_face_and_no_defined_response_are_like_nothing(layout):
+def test_no_edge_is_like_nothing(layout):
     assert not described(picture(1), points(n=4), layout, faces=np.zeros((0, 3), int)).any()
+    assert not described(picture(1), points(n=0), layout, faces=np.zeros((0, 3), int)).any()
+
+
+def test_without_a_defined_response_levels_alone_are_told_and_nothing_with_a_layout():
     complex_, signals, bank = looked_at(picture(1), points())
     none = replace(bank, z=np.zeros_like(bank.z), defined=np.zeros_like(bank.defined))
-    given = {"layout": layout, "uv": points(), "size": (SIDE, SIDE)} if layout else {}
-    assert not describe(complex_, signals, none, **given).any() or layout is None
+    assert np.flatnonzero(describe(complex_, signals, none)).min() >= 4 * 8
+    assert not describe(complex_, signals, none, layout=CELLS, uv=points(), size=(SIDE, SIDE)).any()
 
 
 def test_one_face_is_described():

@@ -76,7 +76,8 @@ def describe(
     -------
     (D,) float32
         Of length 1. D = 8 K + 48 C, or with a layout 9 K times the number of cells; it hangs on nothing else. All 0
-        where there is nothing to tell: without a face, on a constant image, where no response is defined.
+        where there is nothing to tell: on a constant image, without edges, and with a layout also where no response is
+        defined.
 
     Raises
     ------
