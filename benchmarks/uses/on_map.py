@@ -69,7 +69,7 @@ def figures(name: str) -> dict[str, float]:
         }
         found |= {f"{when}: faces": 100 * share.median, f"{when}: faces 95th": 100 * share.p95}
     shape, ok = true_shapes(made, world)
-    labels = segment(made.complex_, made.signals, made.response, xyz=made.xyz, covariance=made.covariance)
+    labels = segment(made.complex_, made.signals, xyz=made.xyz, covariance=made.covariance)
     found |= {
         "regions": int(labels.max()) + 1,
         "Rand index": adjusted_rand(shape[ok] - 1, labels[ok], np.ones(ok.sum())),

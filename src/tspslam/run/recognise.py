@@ -14,7 +14,7 @@ from ..frame import Frame
 from ..io import RunFolder, read_frame
 from ..topology.harmonic import tmahf_bank
 
-ORDERS = (1, 2, 3, 4)
+ORDERS, RINGS = (1, 2), (1, 2, 3)  # as those of docs/recognise.rst
 LAYOUT = (6, 3)  # cells of the image, rows and columns: a camera on a robot stays upright (docs/recognise.rst)
 
 
@@ -56,7 +56,7 @@ def find_pairs(run: Path, other: Path | None = None, *, apart: int = 10, most: i
         pairs = zip(found.second, found.first, found.score, strict=True)
         return [Pair(frames[later], frames[earlier], float(score)) for later, earlier, score in list(pairs)[:most]]
     others, theirs = _described(other)
-    alike = compare_descriptors(descriptors, theirs)
+    alike = compare_descriptors(descriptors, theirs, mean=np.concatenate([descriptors, theirs]).mean(axis=0))
     best = np.argsort(-alike, axis=None, kind="stable")[:most]
     rows, columns = np.unravel_index(best, alike.shape)
     return [
@@ -74,5 +74,5 @@ def _described(run: Path) -> tuple[tuple[int, ...], NDArray[np.float32]]:
 
 def _describe(frame: Frame) -> NDArray[np.float32]:
     uv, signals = frame.cloud.uv, frame.signals
-    bank = tmahf_bank(frame.complex_, uv, signals, orders=ORDERS)
+    bank = tmahf_bank(frame.complex_, uv, signals, ORDERS, RINGS)
     return describe(frame.complex_, signals, bank, layout=LAYOUT, uv=uv, size=(frame.rig.width, frame.rig.height))

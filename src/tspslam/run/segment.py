@@ -14,7 +14,7 @@ from .given import Given
 
 
 def find_regions(given: Given, scale: float = 1.0) -> NDArray[np.int32]:
-    """Segment what a run or a file holds by all that it has: signals, response, places.
+    """Segment what a run or a file holds by signals and places; responses did not better regions (docs/segment.rst).
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def find_regions(given: Given, scale: float = 1.0) -> NDArray[np.int32]:
     """
     shown = given.shown
     covariance = shown.cloud.covariance if isinstance(shown, Frame) else getattr(shown, "covariance", None)
-    return segment(given.complex_, given.signals, given.response, scale=scale, xyz=given.xyz, covariance=covariance)
+    return segment(given.complex_, given.signals, scale=scale, xyz=given.xyz, covariance=covariance)
 
 
 def columns_of(labels: NDArray[np.int32], output: Path) -> dict[str, NDArray[Any]]:
