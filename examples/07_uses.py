@@ -19,9 +19,8 @@ print(f"signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points m
 
 regions = tspslam.segment(complex_, clean, xyz=sharp.xyz)
 cells = tspslam.merge_cells(complex_, tspslam.disc_labels(complex_, regions))
-print(
-    f"{len(regions)} faces in {regions.max() + 1} regions, {len(cells.faces)} cells; the largest has {np.bincount(regions).max()}"
-)
+print(f"{len(regions)} faces in {regions.max() + 1} regions, the largest of {np.bincount(regions).max()}")
+print(f"{len(cells.faces)} cells of a cell complex")
 
 score, parts = tspslam.compare_quality((cloud.xyz, complex_, signals), (sharp.xyz, complex_, clean))
 print(f"before and after differ by {score:.3f}, most in {max(parts, key=parts.get)}")

@@ -28,8 +28,8 @@ def estimate_noise(image: NDArray[np.generic]) -> float:
     Returns
     -------
     float
-        Luminance. Noise of 0.05 to 0.2 on photographs is found to 7 %; steps of 8-bit pixels and fine texture everywhere let it find at
-        most 0.003 where there is none.
+        Luminance. Noise of 0.05 to 0.2 on photographs is found to 7 %; steps of 8-bit pixels and fine texture
+        everywhere let it find at most 0.003 where there is none.
 
     Raises
     ------

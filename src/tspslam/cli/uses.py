@@ -118,7 +118,7 @@ def quality_command(
 def recognise_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     other: Annotated[Path | None, typer.Argument(help="Another run; default: the same, later and earlier.")] = None,
-    apart: Annotated[int, typer.Option(min=1, help="Least frames between two keyframes of one run.")] = 30,
+    apart: Annotated[int, typer.Option(min=1, help="Least keyframes from one to the other, in one run.")] = 10,
     most: Annotated[int, typer.Option(min=1, help="Pairs that are told, best first.")] = 20,
     as_json: JsonOption = False,
 ) -> None:
@@ -129,9 +129,10 @@ def recognise_command(
     if as_json:
         say(json.dumps([pair._asdict() for pair in pairs]))
         return
-    say(*(f"{pair.frame:>8} {pair.other:>8}  {pair.score:.3f}" for pair in pairs))
     if not pairs:
-        note(f"no two keyframes are {apart} frames or more apart and alike at all")
+        note(f"no two keyframes are alike at all, of those that are {apart} or more apart")
+        return
+    say(f"{'frame':>8} {'other':>8}  alike", *(f"{pair.frame:>8} {pair.other:>8}  {pair.score:.3f}" for pair in pairs))
 
 
 def _open(
