@@ -27,8 +27,10 @@ _ALIKE = 0.2  # relative difference of variances that are taken for the same
 _BAND_LIMITED = (
     0.03  # of the noise's variance: a cut of less risk is taken; development: smooth grids to 0.015, others from 0.05
 )
-_LOST = 0.16  # of the noise's variance: more in the averaged residual is shape that was smoothed off; development: fine
-# shallow grooves 0.17 to 0.5, other shapes 0.06 to 0.15
+_LOST = (
+    0.135  # of the noise's variance: more in the averaged residual is shape that was smoothed off; development, noise
+)
+# of 0.3 edges: fine shallow grooves 0.165 to 0.5, other shapes 0.06 to 0.11
 _REACH = 1.2  # of the bell over distances, mean distances between centres of faces that touch
 _PULL = 0.01  # back to the noisy place in each round, over the noise in mean edges; at most half
 _SLIDE = 0.8  # share of the way to the middle of the faces around, in each round
@@ -75,7 +77,7 @@ class _Strength(NamedTuple):
 
 
 _FIRM = _Strength((12, 50), 8, (0.22, 0.27), 0.2)
-_GENTLE = _Strength((8, 20), 4, (0.1, 0.1), 0.15)
+_GENTLE = _Strength((8, 20), 4, (0.2, 0.2), 0.15)
 """Chosen on the shapes of development: gentle for detail as fine as a few faces, firm for all else."""
 
 
