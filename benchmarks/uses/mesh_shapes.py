@@ -96,13 +96,22 @@ def block_mesh(name: str, warp: Callable | None, n: int, amount: float, seed: in
     return (warp(unit) if warp else unit), faces
 
 
-def sphere(n: int, radius: Callable | None, seed: int, spread: float = 0.3) -> Mesh:
-    """A sphere of spread-out points, their hull's triangles, each point moved out to ``radius(direction)``."""
+def crowded(p: np.ndarray) -> np.ndarray:
+    """Unit coordinates drawn together in places: spacing from a fifth to nearly twice the mean."""
+    return p + 0.8 * np.sin(2 * np.pi * p) / (2 * np.pi)
+
+
+def sphere(n: int, radius: Callable | None, seed: int, spread: float = 0.3, flat: float = 1.0) -> Mesh:
+    """A sphere of spread-out points, their hull's triangles, each point moved out to ``radius(direction)``.
+
+    `flat` below 1 crowds points at the equator.
+    """
     rng = np.random.default_rng(seed)
     i = np.arange(n) + 0.5
     z, a = 1 - 2 * i / n, np.pi * (1 + 5**0.5) * i
     p = np.column_stack([np.sqrt(1 - z * z) * np.cos(a), np.sqrt(1 - z * z) * np.sin(a), z])
     p += rng.uniform(-1, 1, p.shape) * spread * np.sqrt(4 * np.pi / n)
+    p *= (1, 1, flat)
     p /= np.linalg.norm(p, axis=1, keepdims=True)
     faces = ConvexHull(p).simplices
     inward = (
@@ -127,6 +136,12 @@ def grooved(p: np.ndarray) -> np.ndarray:
         for a, c in ((np.array([0, 0, 1.0]), 0), (np.array([0.8, 0, 0.6]), 0.3), (np.array([0, 1.0, 0]), -0.4))
     ]
     return 1 - 1.2 * np.maximum.reduce(depth)
+
+
+def shallow(p: np.ndarray) -> np.ndarray:
+    """Shallow grooves along four circles."""
+    circles = (((0, 0, 1), 0), ((0.8, 0, 0.6), 0.3), ((0, 1, 0), -0.4), ((0.6, 0.8, 0), 0.2))
+    return 1 - 0.7 * np.maximum.reduce([np.clip(0.12 - abs(p @ np.array(a) - c), 0, None) for a, c in circles])
 
 
 def facetted(p: np.ndarray) -> np.ndarray:
@@ -186,6 +201,9 @@ def development(seed: int = 100) -> dict[str, Mesh]:
         "slot dome": block_mesh("slot", as_dome, 30, 0.3, seed),
         "facetted": sphere(5000, facetted, seed),
         "grooved": sphere(8000, grooved, seed),
+        "shallow grooves": sphere(8000, shallow, seed),
+        "grooved uneven": sphere(9000, grooved, seed, 0.3, 0.25),
+        "slot uneven": block_mesh("slot", crowded, 26, 0.15, seed),
         "bumpy": sphere(6000, bumpy, seed),
         "sphere": sphere(4000, None, seed, 0.6),
         "saddle": sheet(5000, lambda x, y: 0.8 * (x - 0.5) ** 2 - 0.8 * (y - 0.5) ** 2 + 0.1 * np.sin(6 * x), seed),

@@ -27,10 +27,10 @@ _ALIKE = 0.2  # relative difference of variances that are taken for the same
 _BAND_LIMITED = (
     0.03  # of the noise's variance: a cut of less risk is taken; development: smooth grids to 0.015, others from 0.05
 )
-_ROUNDS = (12.0, 50.0)  # of filtering: at no noise, and more for each mean edge of it
-_MOVES = 8  # of the vertices in each round
-_WIDTH = (0.22, 0.27)  # of the bell over differences of unit normals: at no noise, and more for each mean edge of it
-_CORNER = 0.25  # ... for normals at a corner
+_LOST = (
+    0.135  # of the noise's variance: more in the averaged residual is shape that was smoothed off; development, noise
+)
+# of 0.3 edges: fine shallow grooves 0.165 to 0.5, other shapes 0.06 to 0.11
 _REACH = 1.2  # of the bell over distances, mean distances between centres of faces that touch
 _PULL = 0.01  # back to the noisy place in each round, over the noise in mean edges; at most half
 _SLIDE = 0.8  # share of the way to the middle of the faces around, in each round
@@ -65,6 +65,20 @@ class _Noise(NamedTuple):
     across: float
     along: float
     folded: float
+
+
+class _Strength(NamedTuple):
+    """How firmly normals are filtered; pairs are values at no noise, and what each mean edge of noise adds."""
+
+    rounds: tuple[float, float]
+    moves: int  # of the vertices in each round
+    width: tuple[float, float]  # of the bell over differences of unit normals
+    corner: float  # ... for the normals at a corner
+
+
+_FIRM = _Strength((12, 50), 8, (0.22, 0.27), 0.2)
+_GENTLE = _Strength((8, 20), 4, (0.2, 0.2), 0.15)
+"""Chosen on the shapes of development: gentle for detail as fine as a few faces, firm for all else."""
 
 
 class _Geometry(NamedTuple):
@@ -134,10 +148,15 @@ def _denoise(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float | N
     if across <= _NONE:
         return points
     isotropic = found.along > _AS_ROUGH * across and (found.folded > _FOLDED or found.along < across / _AS_ROUGH)
-    if gain.size:
-        return _sharpen(points, mesh, gain, across, slides=False)
-    smooth, risk = _cut_off(points, mesh, across**2 * (3 if isotropic else 1))
-    return smooth if risk < _BAND_LIMITED else _sharpen(points, mesh, gain, across, slides=isotropic)
+    if not gain.size:
+        smooth, risk = _cut_off(points, mesh, across**2 * (3 if isotropic else 1))
+        if risk < _BAND_LIMITED:
+            return smooth
+    slides = isotropic and not gain.size
+    firm = _sharpen(points, mesh, gain, across, _FIRM, slides)
+    if _lost(points, firm, mesh) < _LOST * across**2:
+        return firm
+    return _sharpen(points, mesh, gain, across, _GENTLE, slides)
 
 
 def _connect(faces: Index, n: int) -> _Mesh:
@@ -253,7 +272,7 @@ def _data_moments(points: FloatArray, mesh: _Mesh) -> FloatArray:
 
 
 def _lattice(bins: int) -> FloatArray:
-    """Share of the walk's spectrum on the lattice of triangles in each bin of 0 to π: cosines are plane waves' means."""
+    """Share of the walk's spectrum in each bin of 0 to π, on the lattice of triangles: from its plane waves."""
     wave = 2 * np.pi * (np.arange(128) + 0.5) / 128
     a, b = wave[:, None], wave[None, :]
     counts, _ = np.histogram(np.arccos((np.cos(a) + np.cos(b) + np.cos(a + b)) / 3), bins, (0, np.pi))
@@ -279,7 +298,20 @@ def _apply_series(points: FloatArray, mesh: _Mesh, series: FloatArray) -> FloatA
     return np.asarray(out)
 
 
-def _sharpen(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float, *, slides: bool) -> FloatArray:
+def _lost(points: FloatArray, moved: FloatArray, mesh: _Mesh) -> float:
+    """Mean square of what was taken off across the surface, averaged twice around: little is left there of noise."""
+    filtered = _measure(moved, mesh)
+    normals = mesh.mean_at_vertices(filtered.normals * filtered.areas[:, None])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    across = np.repeat(((points - moved) * normals).sum(axis=1, keepdims=True), 3, axis=1)
+    for _ in range(2):
+        across = (across + 2 * _walked(across, mesh)) / 3
+    return float((across[mesh.used, 0] ** 2).mean())
+
+
+def _sharpen(
+    points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float, strength: _Strength, slides: bool
+) -> FloatArray:
     """Filter normals under guidance, let the vertices follow, again and again; `level` is the noise in mean edges."""
     moved = points.copy()
     now = _measure(moved, mesh)
@@ -288,8 +320,8 @@ def _sharpen(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float, *,
     reach = _REACH * _ring_distance(now.centres, mesh)
     slide = np.where(mesh.border, 0.0, _SLIDE)
     pull = min(_PULL / level, 0.5)
-    width = _WIDTH[0] + _WIDTH[1] * min(level, 1.0)
-    for _ in range(round(_ROUNDS[0] + _ROUNDS[1] * min(level, 1.0))):
+    rounds, width = (base + more * min(level, 1.0) for base, more in (strength.rounds, strength.width))
+    for _ in range(round(rounds)):
         now = _measure(moved, mesh, now)
         _mesh.guide_normals(now.normals, now.areas, mesh.begin, mesh.near, guide)
         _mesh.average_normals(now.normals, guide, now.centres, now.areas, mesh.begin, mesh.near, reach, width, filtered)
@@ -297,8 +329,8 @@ def _sharpen(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float, *,
             _mesh.slide_vertices(moved, now.centres, filtered, mesh.start, mesh.at, slide)
         else:
             moved += pull * (points - moved)
-        _mesh.corner_normals(filtered, now.angles, mesh.faces, mesh.start, mesh.at, _CORNER, corners)
-        _mesh.follow_normals(moved, mesh.faces, mesh.start, corners, gain, _MOVES)
+        _mesh.corner_normals(filtered, now.angles, mesh.faces, mesh.start, mesh.at, strength.corner, corners)
+        _mesh.follow_normals(moved, mesh.faces, mesh.start, corners, gain, strength.moves)
     return moved
 
 
