@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from tspslam import TopologicalMap, segment
-from tspslam.apps.mesh import denoise_mesh
 from tspslam.datasets import synthetic
+from tspslam.run.denoise import denoise
+from tspslam.run.given import Given
 from tspslam.vision.rig import project
 
 from .. import mapping, mapping_measures
@@ -59,7 +60,7 @@ def figures(name: str) -> dict[str, float]:
     pose = made.T_world_camera[keyframe[first]]
     z = np.einsum("ni,ni->n", made.xyz - pose[:, :3, 3], pose[:, :3, 2])
     found: dict[str, float] = {"vertices": len(made)}
-    moved = denoise_mesh(made.xyz, made.surface.faces, covariance=made.covariance)
+    moved = denoise(Given(Path(name), made), signals=False).xyz
     for when, xyz in (("raw", made.xyz), ("denoised", moved)):
         off = truth.distance(xyz) / z
         share = mapping_measures.distance_to_truth(xyz, made.surface.faces, truth, vertex, keyframe, by="face")

@@ -17,6 +17,7 @@ from ..topological_map import TopologicalMap
 from ..types import Cloud, FloatArray, Signals
 from .given import Given, Shown
 
+FARTHEST = 2.0  # standard deviations that a landmark moves: from 1 to none it hardly matters (maps of development)
 STRONG = 0.1  # luminance: below it, on the corners that stereo frames have for vertices, more is lost than gained
 
 
@@ -45,12 +46,9 @@ def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given
     shown = given.shown
     if isinstance(shown, Frame):
         return replace(given, shown=replace(shown, cloud=_cloud(shown) if places else shown.cloud, signals=smooth))
-    xyz = given.xyz
-    if places:
-        covariance = shown.covariance if isinstance(shown, TopologicalMap) else None
-        xyz = denoise_mesh(xyz, given.faces, covariance=covariance)
     if isinstance(shown, TopologicalMap):
-        return replace(given, shown=replace(shown, xyz=xyz, signals=smooth))
+        return replace(given, shown=replace(shown, xyz=_landmarks(shown) if places else shown.xyz, signals=smooth))
+    xyz = denoise_mesh(given.xyz, given.faces) if places else given.xyz
     return replace(given, shown=shown._replace(xyz=xyz, signals=smooth))
 
 
@@ -59,6 +57,14 @@ def _cloud(frame: Frame) -> Cloud:
     if frame.image is not None and frame.rig.baseline > 0 and frame.cloud.covariance is not None:
         return denoise_cloud(frame.cloud, frame.surface, frame.image, rig=frame.rig)
     return replace(frame.cloud, xyz=denoise_mesh(frame.cloud.xyz, frame.surface.faces))
+
+
+def _landmarks(map_: TopologicalMap) -> FloatArray:
+    """Places of a map by its faces, none farther from where it was measured than its covariance has it."""
+    moves = denoise_mesh(map_.xyz, map_.surface.faces, covariance=map_.covariance) - map_.xyz
+    known = np.linalg.pinv(map_.covariance, hermitian=True)
+    deviations = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", moves, known, moves), 0))
+    return map_.xyz + moves * np.minimum(1.0, FARTHEST / np.maximum(deviations, FARTHEST))[:, None]
 
 
 def _smooth(given: Given) -> Signals:
