@@ -141,8 +141,8 @@ def torus_table() -> list[list[str]]:
         found = []
         for seed in range(3):
             noisy = with_noise(mesh, level, "axes", seed)
-            heat = max(snr(tspslam.heat_filter(L0, noisy, t, error=1e-6), mesh[0]) for t in np.geomspace(1, 60, 16))
-            implicit = max(snr(tspslam.tikhonov_filter(L0, noisy, t), mesh[0]) for t in np.geomspace(0.3, 10, 8))
+            heat = max(snr(tspslam.heat_filter(L0, noisy, t, error=1e-6), mesh[0]) for t in np.geomspace(0.3, 60, 24))
+            implicit = max(snr(tspslam.tikhonov_filter(L0, noisy, t), mesh[0]) for t in np.geomspace(0.3, 30, 12))
             taubin = max(snr(x, mesh[0]) for x in smoothed(noisy, mesh[1], taubin=True))
             found.append((snr(noisy, mesh[0]), heat, implicit, taubin, snr(denoise_mesh(noisy, mesh[1]), mesh[0])))
             print(f"torus, {level} edges, seed {seed}:", np.round(found[-1], 2), flush=True)

@@ -59,7 +59,7 @@ def denoise_command(
     numbers = [*count_of(given).items(), ("median move, m", change["moved_m"].get("median"))]
     numbers += [(f"change of {level} signals, rms", value) for level, value in change["changed"].items()]
     _draw(given, plot, report, f"Denoised: {source.name}", numbers, after=after)
-    _tell(count_of(given) | change, target, plot, report, as_json)
+    _tell(count_of(given) | change, _say_change(count_of(given), change), target, plot, report, as_json)
 
 
 @app.command("segment")
@@ -93,7 +93,8 @@ def segment_command(
     sizes = np.bincount(labels)
     counts = count_of(given) | {"regions": len(sizes), "largest_faces": int(sizes.max()), "scale": scale}
     _draw(given, plot, report, f"Regions: {source.name}", list(counts.items()), labels=labels)
-    _tell(counts, target, plot, report, as_json)
+    words = f"{len(sizes)} regions of {len(labels)} faces at scale {scale:g}; the largest has {sizes.max()}"
+    _tell(counts, words, target, plot, report, as_json)
 
 
 @app.command("quality")
@@ -176,12 +177,20 @@ def _draw(
         draw_use(given, plot, report, title, numbers, **made)
 
 
-def _tell(found: dict[str, Any], target: Path, plot: Path | None, report: Path | None, as_json: bool) -> None:
+def _tell(
+    found: dict[str, Any], words: str, target: Path, plot: Path | None, report: Path | None, as_json: bool
+) -> None:
     written = [str(path) for path in (target, plot, report) if path]
     if as_json:
         say(json.dumps({"written": written} | found))
-        return
-    flat = {f"{k} {inner}": v for k, value in found.items() if isinstance(value, dict) for inner, v in value.items()}
-    plain = {k: v for k, v in found.items() if not isinstance(v, dict)}
-    words = ", ".join(f"{k} {v:.6g}" if isinstance(v, float) else f"{v} {k}" for k, v in (plain | flat).items())
-    say(*(f"wrote {each}" for each in written), words.replace("_", " "))
+    else:
+        say(*(f"wrote {each}" for each in written), words)
+
+
+def _say_change(sizes: dict[str, int], change: dict[str, Any]) -> str:
+    """Words for what denoising did."""
+    said = ", ".join(f"{count} {name}" for name, count in sizes.items())
+    if change["moved_m"]:
+        said += "; moved by {median:.3g} m in the median, {largest:.3g} m at most".format(**change["moved_m"])
+    signals = ", ".join(f"{value:.2g} ({level})" for level, value in change["changed"].items())
+    return said + (f"; signals changed by {signals}" if signals else "")

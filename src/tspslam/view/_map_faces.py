@@ -44,10 +44,10 @@ def fuller(map_: TopologicalMap, views: Pair, shown: Shown) -> Outlook:
     return max(views, key=lambda view: int((view.pixels[shown.ok] >= LEAST_PIXELS).sum()))
 
 
-def light(map_: TopologicalMap) -> FloatArray:
-    """Brightness of the faces, (F,) in [0.7, 1], by how they stand."""
+def light(map_: TopologicalMap, side: float = SIDE_LIGHT) -> FloatArray:
+    """Brightness of the faces, (F,) in [1 - side, 1], by how they stand."""
     towards = np.abs(normals(map_) @ (LIGHT / np.linalg.norm(LIGHT)))
-    return np.asarray(1 - SIDE_LIGHT + SIDE_LIGHT * towards)
+    return np.asarray(1 - side + side * towards)
 
 
 def tint_words(outlook: Outlook, shown: Shown, why: str) -> str:

@@ -84,7 +84,9 @@ def write_regions_picture(map_: TopologicalMap, labels: NDArray[np.integer[Any]]
 
 
 def write_denoised_picture(before: TopologicalMap, after: TopologicalMap, path: str | Path) -> Path:
-    """Draw a map's luminance before denoising, and below it after, both from the middle of the path.
+    """Draw a map before denoising, and below it after, both from the middle of the path.
+
+    Where places moved, faces are shaded by how they stand; else they have their luminance.
 
     Parameters
     ----------
@@ -109,11 +111,16 @@ def write_denoised_picture(before: TopologicalMap, after: TopologicalMap, path: 
         check_map(each)
     if not np.array_equal(before.surface.faces, after.surface.faces):
         raise InputError("view: the two maps have other faces, expected one complex before and after")
-    outlook = from_path(before)
-    caption = "From the middle of the path. Above: luminance of each face as measured. Below: denoised, places too."
-    figure, (top, bottom) = page.double_page(before, outlook, "Denoised", caption)
-    faces.show_luminance(figure, top, before, outlook)
-    faces.show_luminance(figure, bottom, after, from_path(after))
+    outlook, has_moved = from_path(before), not np.array_equal(before.xyz, after.xyz)
+    what = "faces shaded by how they stand" if has_moved else "luminance of each face"
+    caption = f"From the middle of the path: {what}. Above: as measured. Below: denoised."
+    figure, panels = page.double_page(before, outlook, "Denoised", caption)
+    for axes, map_, view in zip(panels, (before, after), (outlook, from_path(after)), strict=True):
+        if has_moved:
+            shade = np.repeat(faces.light(map_, side=1.0)[:, None], 3, axis=1)
+            page.show_faces(axes, view, shade, np.ones(len(shade), np.bool_))
+        else:
+            faces.show_luminance(figure, axes, map_, view)
     return _written(figure, path)
 
 
