@@ -17,7 +17,7 @@ sharp = tspslam.denoise_cloud(cloud, surface, pair.left, rig=pair.rig)
 moved = np.linalg.norm(sharp.xyz - cloud.xyz, axis=1)
 print(f"signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points moved by {np.median(moved):.3f} m")
 
-regions = tspslam.segment(complex_, clean, xyz=sharp.xyz)
+regions = tspslam.segment(complex_, clean, xyz=sharp.xyz, covariance=cloud.covariance)
 cells = tspslam.merge_cells(complex_, tspslam.disc_labels(complex_, regions))
 print(f"{len(regions)} faces in {regions.max() + 1} regions, the largest of {np.bincount(regions).max()}")
 print(f"{len(cells.faces)} cells of a cell complex")

@@ -360,3 +360,15 @@ def test_faces_take_the_label_that_most_of_their_pixels_show():
     assert measures.carried(image, cover, 2).tolist() == [7, 0]
     drawn = measures.borders(np.array([0, 1]), np.array([[0, 1]]), np.array([[[2.0, 2], [2, 6]]]), (11, 11))
     assert np.argwhere(drawn).tolist() == [[v, 2] for v in range(2, 7)]
+
+
+def test_without_signals_shape_alone_counts():
+    i, j = np.divmod(np.arange(200), 20)
+    bent = np.column_stack([i, np.minimum(j, 10), np.maximum(j - 10, 0)]).astype(float)
+    cell = np.array([20 * r + c for r in range(9) for c in range(19)])
+    faces = np.concatenate([np.stack([cell, cell + 1, cell + 21], 1), np.stack([cell, cell + 21, cell + 20], 1)])
+    complex_ = build_complex(faces, 200)
+    labels = segment(complex_, None, xyz=bent)
+    is_low = bent[complex_.faces][:, :, 2].max(axis=1) == 0
+    assert len(np.unique(labels)) == 2
+    assert len(np.unique(labels[is_low])) == 1

@@ -37,7 +37,7 @@ class _Evidence(NamedTuple):
 
 def segment(
     complex_: Complex,
-    signals: Signals,
+    signals: Signals | None,
     response: Response | Bank | None = None,
     normals: ArrayLike | None = None,
     scale: float = 1.0,
@@ -51,8 +51,8 @@ def segment(
     ----------
     complex_ : Complex
         Triangles.
-    signals : Signals
-        Luminance on the complex, (n,) or (n, C); what is marked is not looked at.
+    signals : Signals or None
+        Luminance on the complex, (n,) or (n, C); what is marked is not looked at. None: shape alone.
     response : Response or Bank, optional
         Texture: magnitudes at the vertices; where it is not defined it is not looked at.
     normals : (F, 3) or (N, 3) float array, optional
@@ -98,7 +98,7 @@ def segment(
     """
     from . import _segment
 
-    _check_complex(complex_, signals)
+    signals = _check_complex(complex_, signals)
     limit = MERGE * _checked_scale(scale)
     sums, weight, floor = _gathered(complex_, signals, response, normals, _positions(complex_, xyz, covariance))
     pairs, edge = _segment.pairs_at_edges(complex_.face_edges, len(complex_.edges))
@@ -168,8 +168,11 @@ def _check_triangles(complex_: Complex) -> None:
         raise InputError("complex: its faces are polygons, expected triangles")
 
 
-def _check_complex(complex_: Complex, signals: Signals) -> None:
+def _check_complex(complex_: Complex, signals: Signals | None) -> Signals:
+    """The signals, which must fit; marked ones where none are given."""
     _check_triangles(complex_)
+    if signals is None:
+        return _unknown(complex_)
     require(signals, Signals, "signals")
     found = len(signals.vertex), len(signals.edge), len(signals.face)
     wanted = complex_.n, len(complex_.edges), len(complex_.faces)
@@ -179,6 +182,15 @@ def _check_complex(complex_: Complex, signals: Signals) -> None:
         raise InputError(
             f"signals: face has values that are no numbers up to {LARGEST:g}; mark unknown ones by face_ok"
         )
+    return signals
+
+
+def _unknown(complex_: Complex) -> Signals:
+    """Signals of a complex of which no luminance is known."""
+    n, E, F = complex_.n, len(complex_.edges), len(complex_.faces)
+    values, places = (np.zeros(count) for count in (n, E, F)), (np.zeros((count, 2)) for count in (E, F))
+    pixels, ok = (np.zeros(count, np.int32) for count in (E, F)), (np.zeros(count, np.bool_) for count in (n, E, F))
+    return Signals(*values, *places, *pixels, *ok)
 
 
 def _checked_scale(scale: float) -> float:

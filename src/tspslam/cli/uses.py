@@ -56,8 +56,8 @@ def denoise_command(
     after = denoise(given, places=only != "signals", signals=only != "places")
     change = describe_change(given, after)
     write_given(after, target, is_forced=force)
-    numbers = [*count_of(given).items(), ("median move, m", change["moved_m"].get("median"))]
-    numbers += [(f"change of {level} signals, rms", value) for level, value in change["changed"].items()]
+    numbers = [*count_of(given).items(), *((f"{which} move, m", f"{m:.3g}") for which, m in change["moved_m"].items())]
+    numbers += [(f"change of {level} signals, rms", f"{value:.1g}") for level, value in change["changed"].items()]
     _draw(given, plot, report, f"Denoised: {source.name}", numbers, after=after)
     _tell(count_of(given) | change, _say_change(count_of(given), change), target, plot, report, as_json)
 
@@ -92,7 +92,8 @@ def segment_command(
     write_given(given, target, face=columns_of(labels, target), is_forced=force)
     sizes = np.bincount(labels)
     counts = count_of(given) | {"regions": len(sizes), "largest_faces": int(sizes.max()), "scale": scale}
-    _draw(given, plot, report, f"Regions: {source.name}", list(counts.items()), labels=labels)
+    numbers = [(name.replace("_", " region, "), value) for name, value in counts.items()]
+    _draw(given, plot, report, f"Regions: {source.name}", numbers, labels=labels)
     words = f"{len(sizes)} regions of {len(labels)} faces at scale {scale:g}; the largest has {sizes.max()}"
     _tell(counts, words, target, plot, report, as_json)
 
