@@ -311,7 +311,7 @@ def test_signals_and_complexes_that_do_not_fit_are_refused(folded):
             "signals are on (9, 16, 8) vertices, edges and faces, expected (441, 1240, 800)",
         ),
         (lambda: segment(cells, small), "expected triangles"),
-        (lambda: segment(other, None), "expected a Signals"),
+        (lambda: segment(other, 3), "expected a Signals"),
         (lambda: segment(None, small), "expected a Complex"),
         (lambda: segment(other, small, tmahf(complex_, uv, signals)), "response is at 441 vertices, expected 9"),
         (lambda: segment(other, replace(small, face=np.full(8, np.nan))), "face has values that are no numbers"),

@@ -76,7 +76,7 @@ def compare_quality(reference: Given, distorted: Given, *, orders: Sequence[int]
 
     Parameters
     ----------
-    reference, distorted : tuple of (xyz, complex_, signals)
+    reference, distorted : (xyz, ``complex_``, signals)
         xyz (N, 3) float array, m, both in one frame: nothing is aligned here. Complex of triangles. Signals (n,) or
         (n, C), luminance in [0, 1]; the constants c, 0.01 and 0.03, are made for that. Vertices without a signal have
         no position either.

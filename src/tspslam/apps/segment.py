@@ -188,9 +188,11 @@ def _check_complex(complex_: Complex, signals: Signals | None) -> Signals:
 def _unknown(complex_: Complex) -> Signals:
     """Signals of a complex of which no luminance is known."""
     n, E, F = complex_.n, len(complex_.edges), len(complex_.faces)
-    values, places = (np.zeros(count) for count in (n, E, F)), (np.zeros((count, 2)) for count in (E, F))
-    pixels, ok = (np.zeros(count, np.int32) for count in (E, F)), (np.zeros(count, np.bool_) for count in (n, E, F))
-    return Signals(*values, *places, *pixels, *ok)
+    return Signals(
+        vertex=np.zeros(n), edge=np.zeros(E), face=np.zeros(F), edge_uv=np.zeros((E, 2)), face_uv=np.zeros((F, 2)),
+        edge_pixels=np.zeros(E, np.int32), face_pixels=np.zeros(F, np.int32),
+        vertex_ok=np.zeros(n, np.bool_), edge_ok=np.zeros(E, np.bool_), face_ok=np.zeros(F, np.bool_),
+    )  # fmt: skip
 
 
 def _checked_scale(scale: float) -> float:

@@ -8,6 +8,7 @@ from .mesh import merge_corners, read_mesh
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
 from .runs import StoredRun, load_run
+from .textured import TexturedMesh, read_textured
 from .topological import load_map, read_map, write_map
 from .trajectory import read_trajectory, write_kitti, write_tum
 from .vtu import VtuMesh, read_vtu, write_vtu
@@ -16,6 +17,7 @@ __all__ = [
     "PlyMesh",
     "RunFolder",
     "StoredRun",
+    "TexturedMesh",
     "Unit",
     "VtuMesh",
     "atomic_write",
@@ -28,6 +30,7 @@ __all__ = [
     "read_map",
     "read_mesh",
     "read_ply",
+    "read_textured",
     "read_trajectory",
     "read_vtu",
     "write_bytes",
