@@ -12,12 +12,15 @@ complex_ = tspslam.build_complex(surface.faces, len(cloud))
 signals = tspslam.sample_signals(pair.left, cloud.uv, complex_)
 bank = tspslam.tmahf_bank(complex_, cloud.uv, signals, orders=(1, 2, 3))
 
-clean = tspslam.denoise_signals(complex_, signals, uv=cloud.uv)
+noise = tspslam.estimate_noise(pair.left)
+clean = tspslam.denoise_signals(complex_, signals, uv=cloud.uv, noise=noise)
 sharp = tspslam.denoise_cloud(cloud, surface, pair.left, rig=pair.rig)
 moved = np.linalg.norm(sharp.xyz - cloud.xyz, axis=1)
-print(f"signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points moved by {np.median(moved):.3f} m")
+print(
+    f"noise of {noise:.3f}: signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points moved by {np.median(moved):.3f} m"
+)
 
-regions = tspslam.segment(complex_, clean, xyz=sharp.xyz, covariance=cloud.covariance)
+regions = tspslam.segment(complex_, signals, xyz=cloud.xyz, covariance=cloud.covariance)
 cells = tspslam.merge_cells(complex_, tspslam.disc_labels(complex_, regions))
 print(f"{len(regions)} faces in {regions.max() + 1} regions, the largest of {np.bincount(regions).max()}")
 print(f"{len(cells.faces)} cells of a cell complex")

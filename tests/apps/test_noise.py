@@ -33,3 +33,11 @@ def test_an_image_that_is_none_or_too_small_is_refused():
         estimate_noise(np.zeros((40, 9)))
     with pytest.raises(InputError):
         estimate_noise(np.zeros(7))
+
+
+def test_a_black_border_tells_nothing():
+    inside = 0.5 + np.random.default_rng(0).normal(0, 0.1, (200, 200))
+    bordered = np.pad(np.clip(inside, 0, 1), 80)
+    assert estimate_noise(bordered) == pytest.approx(0.1, rel=0.1)
+    assert estimate_noise(np.zeros((40, 40))) == 0
+    assert estimate_noise(np.ones((40, 40))) == 0

@@ -300,11 +300,18 @@ def test_features_are_few_and_plain():
     assert np.isfinite(found).all()
 
 
-def test_features_of_what_is_enormous_are_finite():
+def test_features_of_what_is_enormous_are_refused():
     xyz, complex_, signals = side(*hill())
-    huge = quality_features(xyz, complex_, replace(signals, vertex=signals.vertex * 1e99))
+    with pytest.raises(
+        InputError, match=r"quality_features: signals reach .*e\+98, expected luminance, at most 1e\+30"
+    ):
+        quality_features(xyz, complex_, replace(signals, vertex=signals.vertex * 1e99))
+
+
+def test_features_of_a_line_are_finite():
+    xyz, complex_, signals = side(*hill())
     line = quality_features(xyz * [1, 0, 0], complex_, signals)  # no area
-    assert np.isfinite(compare_features(huge, line).score)
+    assert np.isfinite(compare_features(quality_features(xyz, complex_, signals), line).score)
 
 
 @each

@@ -314,7 +314,7 @@ def test_signals_and_complexes_that_do_not_fit_are_refused(folded):
         (lambda: segment(other, 3), "expected a Signals"),
         (lambda: segment(None, small), "expected a Complex"),
         (lambda: segment(other, small, tmahf(complex_, uv, signals)), "response is at 441 vertices, expected 9"),
-        (lambda: segment(other, replace(small, face=np.full(8, np.nan))), "face has values that are no numbers"),
+        (lambda: segment(other, replace(small, face=np.full(8, np.nan))), "expected a number up to"),
         (lambda: disc_labels(other, [0.5] * 8), "expected (8,) integers"),
     ):
         with pytest.raises(InputError) as error:
@@ -372,3 +372,20 @@ def test_without_signals_shape_alone_counts():
     is_low = bent[complex_.faces][:, :, 2].max(axis=1) == 0
     assert len(np.unique(labels)) == 2
     assert len(np.unique(labels[is_low])) == 1
+
+
+def test_a_fan_of_many_faces_on_one_edge_is_cut_into_discs():
+    fan = build_complex([[0, 1, k] for k in range(2, 40)], 40)
+    discs = disc_labels(fan, np.zeros(38, int))
+    assert len(merge_cells(fan, discs).faces) == discs.max() + 1 == 19  # no edge has three faces of one disc
+
+
+def test_what_stands_in_marked_faces_is_not_looked_at():
+    complex_, uv = grid()
+    signals = sample_signals(flat_grey(uv), uv, complex_)
+    ok, value = np.ones(len(complex_.faces), bool), signals.face.copy()
+    ok[7], value[7] = False, np.nan
+    other = value.copy()
+    other[7] = 0.3
+    marked = [segment(complex_, replace(signals, face=each, face_ok=ok)) for each in (value, other)]
+    assert np.array_equal(*marked)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tspslam import InputError, cli, load_map, load_run
-from tspslam.io import read_frame, read_ply, read_vtu, write_frame
+from tspslam.io import read_frame, read_ply, read_vtu, write_frame, write_ply, write_png
 from tspslam.io.topological import read_map
 from tspslam.run.config import resolve
 from tspslam.run.denoise import denoise, describe_change
@@ -152,7 +152,7 @@ def test_the_result_is_named_after_its_source(folder, tmp_path, monkeypatch):
         (["denoise", "{run}", "--output", "{run}/map.vtu"], 3, "lies in the run folder"),
         (["denoise", "{run}", "--bits", "12"], 2, "goes with --image"),
         (["denoise", "{run}", "--image", "a.png"], 2, "goes with --calib"),
-        (["denoise", "nowhere"], 3, "nowhere: "),
+        (["denoise", "nowhere"], 3, "nowhere: is not there; expected a run folder"),
         (["denoise", "nowhere.obj"], 3, "nowhere.obj: cannot be opened"),
         (["denoise", "{obj}", "--output", "a.npz"], 3, "a map or a frame alone"),
         (["denoise", "{obj}", "--frame", "3"], 3, "is a file; expected a run folder"),
@@ -201,3 +201,43 @@ def test_no_landmark_moves_beyond_two_deviations(folder):
     share = np.einsum("ni,nij,nj->n", moves, np.linalg.inv(given.shown.covariance), moves)
     assert share.max() <= 4 * (1 + 1e-6)
     assert np.median(share) > 1e-3
+
+
+def test_signals_at_vertices_alone_are_left_as_they_are(folder, tmp_path, capsys):
+    assert cli.exit_code(["export", str(folder), "--to", "ply", "--output", str(tmp_path / "a.ply")]) == 0
+    mesh = read_ply(tmp_path / "a.ply")
+    write_ply(tmp_path / "b.ply", mesh.xyz, mesh.faces, vertex={"luminance": mesh.vertex["luminance"]})
+    code, _, err = typed(capsys, "denoise", tmp_path / "b.ply", "--output", tmp_path / "c.ply")
+    after = read_ply(tmp_path / "c.ply")
+    assert code == 0
+    assert "vertices alone" in err
+    assert np.array_equal(after.vertex["luminance"], mesh.vertex["luminance"])
+    assert not np.array_equal(after.xyz, mesh.xyz)
+
+
+def test_a_mesh_with_a_photo_is_denoised_and_drawn(tmp_path, capsys):
+    rng = np.random.default_rng(2)
+    u, v = (each.ravel() for each in np.meshgrid(np.arange(16.0), np.arange(12.0)))
+    xyz = np.column_stack([u - 8, v - 6, rng.normal(20, 0.3, u.size)])
+    cell = np.array([16 * j + i for j in range(11) for i in range(15)])
+    faces = np.vstack([cell[:, None] + (0, 1, 16), cell[:, None] + (1, 17, 16)])
+    write_ply(tmp_path / "wall.ply", xyz, faces)
+    write_png(tmp_path / "photo.png", rng.integers(0, 255, (120, 160), np.uint8))
+    calib = "fx: 150\nfy: 150\ncx: 80\ncy: 60\nbaseline: 0.1\nwidth: 160\nheight: 120\n"
+    (tmp_path / "calib.yaml").write_text(calib)
+    photo = ("--image", tmp_path / "photo.png", "--calib", tmp_path / "calib.yaml")
+    drawn = ("--plot", tmp_path / "a.png", "--report", tmp_path / "a.html")
+    code, _, _ = typed(capsys, "denoise", tmp_path / "wall.ply", *photo, *drawn, "--output", tmp_path / "a.vtu")
+    assert code == 0
+    assert read_vtu(tmp_path / "a.vtu").xyz[:, 2].std() < 0.7 * xyz[:, 2].std()
+    assert (tmp_path / "a.png").exists()
+    assert (tmp_path / "a.html").exists()
+
+
+def test_noise_that_is_told_is_taken(pair_folder):
+    given = open_given(pair_folder)
+    strong = denoise(given, places=False, noise=0.2).signals.vertex - given.signals.vertex
+    none = denoise(given, places=False).signals.vertex - given.signals.vertex
+    assert np.std(strong) > 5 * np.std(none)
+    with pytest.raises(InputError, match="noise is -1"):
+        denoise(given, noise=-1.0)

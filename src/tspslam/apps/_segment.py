@@ -249,10 +249,11 @@ def grow_discs(faces, face_edges, graph, n, n_edges, labels):  # type: ignore[no
     """Cut regions into discs: labels, numbered by their first faces.
 
     A face joins a disc by one side whose opposite corner is new to it, or by two sides: then what they share with the
-    disc is a path, and a disc it stays.
+    disc is a path, and a disc it stays. No side is joined by a third face.
     """
     first, near = graph
     discs, at_vertex, at_edge = np.full(labels.shape[0], -1, np.int32), np.full(n, -1), np.full(n_edges, -1)
+    full = np.full(n_edges, -1)
     queue, count = np.empty(4 * labels.shape[0] + 1, np.int64), 0
     for seed in range(labels.shape[0]):
         if discs[seed] >= 0:
@@ -261,14 +262,17 @@ def grow_discs(faces, face_edges, graph, n, n_edges, labels):  # type: ignore[no
         while head < stop:
             f = queue[head]
             head += 1
-            sides, corners = 0, 0
+            sides, corners, is_free = 0, 0, True
             for k in range(3):
+                is_free &= full[face_edges[f, k]] != count
                 sides += at_edge[face_edges[f, k]] == count
                 corners += at_vertex[faces[f, k]] == count
-            if discs[f] >= 0 or not (f == seed or (sides == 1 and corners == 2) or sides == 2):
+            if discs[f] >= 0 or not is_free or not (f == seed or (sides == 1 and corners == 2) or sides == 2):
                 continue
             discs[f] = count
             for k in range(3):
+                if at_edge[face_edges[f, k]] == count:
+                    full[face_edges[f, k]] = count
                 at_vertex[faces[f, k]] = at_edge[face_edges[f, k]] = count
             for p in range(first[f], first[f + 1]):
                 if discs[near[p]] < 0 and labels[near[p]] == labels[f]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._checks import real_array, told
+from .._checks import real_array
 from ..errors import InputError
 from ..types import BoolArray, FloatArray
 from . import _mesh
@@ -389,6 +389,7 @@ def _checked_covariance(covariance: ArrayLike | None, n: int) -> FloatArray:
 def _checked_noise(noise: float | None) -> float | None:
     if noise is None:
         return None
-    if isinstance(noise, bool) or not isinstance(noise, int | float | np.number) or not 0 <= noise < np.inf:
-        raise InputError(f"noise is {repr(noise) if np.isscalar(noise) else told(noise)}, expected a number >= 0, m")
-    return float(noise)
+    value = real_array(noise, "noise", "a single number, m, one of the")
+    if value.shape != () or isinstance(noise, bool) or not 0 <= float(value) <= _LARGEST:
+        raise InputError(f"noise is {repr(noise)[:60]}, expected a number from 0 to {_LARGEST:g}, m")
+    return float(value)

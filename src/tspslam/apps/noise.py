@@ -18,7 +18,8 @@ def estimate_noise(image: NDArray[np.generic]) -> float:
     """Estimate the standard deviation of the noise of each pixel, from the flattest tenth of an image.
 
     The mask ``[1 -2 1; -2 4 -2; 1 -2 1] / 6`` takes out what is plane or bent (Immerkær 1996) and gives noise of the
-    same variance; its mean magnitude in blocks of 8 by 8 px is least where there is no texture.
+    same variance; its mean magnitude in blocks of 8 by 8 px is least where there is no texture. Blocks that are all
+    black or all white, as a border is, tell nothing.
 
     Parameters
     ----------
@@ -49,7 +50,11 @@ def estimate_noise(image: NDArray[np.generic]) -> float:
         raise InputError(f"image has {plane.shape[1]} x {plane.shape[0]} px, expected {BLOCK + 2} or more each way")
     rough = np.abs(_bend(_bend(plane).T).T)[: height * BLOCK, : width * BLOCK] / 6
     blocks = rough.reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3))
-    return float(np.sqrt(np.pi / 2) * np.quantile(blocks, FLATTEST) / EXPECTED)
+    middle = plane[1:-1, 1:-1][: height * BLOCK, : width * BLOCK].reshape(height, BLOCK, width, BLOCK)
+    is_lit = (middle.max(axis=(1, 3)) > 0) & (middle.min(axis=(1, 3)) < 1)
+    if not is_lit.any():
+        return 0.0
+    return float(np.sqrt(np.pi / 2) * np.quantile(blocks[is_lit], FLATTEST) / EXPECTED)
 
 
 def _bend(rows: FloatArray) -> FloatArray:

@@ -180,7 +180,10 @@ def quality_features(xyz: ArrayLike, complex_: Complex, signals: Signals) -> NDA
     several.append(unit[used] / (np.sqrt(area.sum()) or 1))
     quantiles = [np.quantile(each, _QUANTILES) if len(each) else np.zeros(len(_QUANTILES)) for each in several]
     found = np.concatenate([*quantiles, _layout(side, value, area)])
-    return np.clip(found, -LARGEST, LARGEST).astype(np.float32)
+    if np.abs(found).max() > LARGEST:
+        most = float(np.abs(value).max())
+        raise InputError(f"quality_features: signals reach {most:.3g}, expected luminance, at most {LARGEST:g}")
+    return found.astype(np.float32)
 
 
 def compare_features(reference: ArrayLike, distorted: ArrayLike) -> Quality:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._checks import real_array, require, told
 from ..errors import InputError
 from ..topology.complex import Complex
+from ..topology.laplacian import checked_mask
 from ..types import Bank, BoolArray, FloatArray, Response, Signals
 
 Labels = NDArray[np.int32]
@@ -178,11 +180,13 @@ def _check_complex(complex_: Complex, signals: Signals | None) -> Signals:
     wanted = complex_.n, len(complex_.edges), len(complex_.faces)
     if found != wanted:
         raise InputError(f"signals are on {found} vertices, edges and faces, expected {wanted}")
-    if not (np.abs(signals.face) <= LARGEST).all():
-        raise InputError(
-            f"signals: face has values that are no numbers up to {LARGEST:g}; mark unknown ones by face_ok"
-        )
-    return signals
+    face_ok, edge_ok = checked_mask(signals.face_ok, found[2]), checked_mask(signals.edge_ok, found[1])
+    face = np.where(face_ok if signals.face.ndim == 1 else face_ok[:, None], signals.face, 0.0)
+    bad = np.flatnonzero(~(np.abs(face) <= LARGEST).all(axis=tuple(range(1, face.ndim))))
+    if len(bad):
+        said = f"signals: face {bad[0]} has {signals.face[bad[0]]}"
+        raise InputError(f"{said}, expected a number up to {LARGEST:g}, or face_ok False where it is not known")
+    return replace(signals, face=face, face_ok=face_ok, edge_ok=edge_ok)
 
 
 def _unknown(complex_: Complex) -> Signals:
@@ -196,8 +200,8 @@ def _unknown(complex_: Complex) -> Signals:
 
 
 def _checked_scale(scale: float) -> float:
-    value = real_array(scale, "scale", "one")
-    if value.ndim or not (np.isfinite(value) and value > 0):
+    value = real_array(scale, "scale", "a single number, one of the")
+    if isinstance(scale, bool) or value.ndim or not (np.isfinite(value) and value > 0):
         raise InputError(f"scale is {scale!r:.60}, expected a number above 0")
     return float(value)
 

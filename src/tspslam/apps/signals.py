@@ -284,7 +284,7 @@ def _check_places(uv: FloatArray, pixels: NDArray[np.int32], ok: BoolArray, leve
 def _checked_noise(noise: float | None) -> float | None:
     if noise is None:
         return None
-    value = real_array(noise, "noise", "one of")
+    value = real_array(noise, "noise", "a single number, one of the")
     if value.shape != () or isinstance(noise, bool) or not 0 < float(value) <= LARGEST_VALUE:
         raise InputError(f"noise is {repr(noise)[:60]}, expected a standard deviation > 0, or None")
     return float(value)

@@ -24,6 +24,9 @@ OutputOption = Annotated[
 RegionsOption = Annotated[
     Path | None, typer.Option("--output", help="File: .vtu or .ply [default: SOURCE-segmented.vtu here].")
 ]
+NoiseOption = Annotated[
+    float | None, typer.Option(help="Standard deviation of the luminance's noise, in [0, 1] [default: found].")
+]
 PlotOption = Annotated[Path | None, typer.Option(help="PNG picture as well.")]
 ReportOption = Annotated[Path | None, typer.Option(help="HTML page as well, with the map to turn.")]
 _MESHES = ["vtu", "ply"]
@@ -36,6 +39,7 @@ def denoise_command(
     calib: CalibOption = None,
     bits: BitsOption = None,
     frame: FrameOption = None,
+    noise: NoiseOption = None,
     only: Annotated[str | None, typer.Option(help="places, or signals [default: both].")] = None,
     output: OutputOption = None,
     plot: PlotOption = None,
@@ -44,7 +48,7 @@ def denoise_command(
     as_json: JsonOption = False,
 ) -> None:
     """Take noise out of the places and the signals of a map, a frame or a mesh; no parameter is asked for."""
-    from ..run.denoise import denoise, describe_change, name_of_result
+    from ..run.denoise import denoise, describe_change, has_three_levels, name_of_result
     from ..run.given import count_of, write_given
 
     if only not in (None, "places", "signals"):
@@ -53,7 +57,9 @@ def denoise_command(
     check_suffix(target, [*_MESHES, "npz"], "--output")
     given = _open(source, image, calib, bits, frame, plot, report)
     _check(given, target, plot, report, force)
-    after = denoise(given, places=only != "signals", signals=only != "places")
+    if only != "places" and given.signals.vertex_ok.any() and not has_three_levels(given):
+        note("signals stand on vertices alone, with nothing to tell noise by: they are left as they are")
+    after = denoise(given, places=only != "signals", signals=only != "places", noise=noise)
     change = describe_change(given, after)
     write_given(after, target, is_forced=force)
     numbers = [*count_of(given).items(), *((f"{which} move, m", f"{m:.3g}") for which, m in change["moved_m"].items())]
@@ -70,9 +76,7 @@ def segment_command(
     bits: BitsOption = None,
     frame: FrameOption = None,
     scale: Annotated[float, typer.Option(help="Larger: fewer regions.")] = 1.0,
-    output: Annotated[
-        Path | None, typer.Option(help="File: .vtu or .ply [default: SOURCE-segmented.vtu here].")
-    ] = None,
+    output: RegionsOption = None,
     plot: PlotOption = None,
     report: ReportOption = None,
     force: ForceOption = False,
@@ -189,9 +193,9 @@ def _tell(
 
 
 def _say_change(sizes: dict[str, int], change: dict[str, Any]) -> str:
-    """Words for what denoising did."""
+    """Words for what denoising did, lengths in the unit of the places: m, unless a mesh has another."""
     said = ", ".join(f"{count} {name}" for name, count in sizes.items())
     if change["moved_m"]:
-        said += "; moved by {median:.3g} m in the median, {largest:.3g} m at most".format(**change["moved_m"])
+        said += "; moved by {median:.3g} (median) to {largest:.3g} m".format(**change["moved_m"])
     signals = ", ".join(f"{value:.2g} ({level})" for level, value in change["changed"].items())
-    return said + (f"; signals changed by {signals}" if signals else "")
+    return said + (f"; signals changed, rms, by {signals}" if signals else "")

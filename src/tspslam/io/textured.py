@@ -49,8 +49,8 @@ class TexturedMesh(NamedTuple):
 def read_textured(path: PathLike) -> TexturedMesh:
     """Read a mesh with its signals: ``luminance`` of a VTU or PLY file, or the colours of a PLY's vertices.
 
-    Where a PLY gives vertices alone, an edge and a face have the mean of their ends and corners. A file without
-    luminance or colours gives a mesh without signals.
+    Where a file gives vertices alone, an edge and a face have the mean of their ends and corners, and 0 pixels. A file
+    without luminance or colours gives a mesh without signals.
 
     Parameters
     ----------
@@ -123,7 +123,8 @@ def _mesh(
         raise bad_input(path, f"has {twice} triangles that are there already", "each triangle once")
     if edge is not None and lines is not None:
         edge = _sorted(complex_, lines, edge)
-    vertex = vertex or _none(len(xyz))
+    shape = next((level[0].shape[1:] for level in (vertex, edge, face) if level is not None), ())
+    vertex = vertex or _none(len(xyz), shape)
     edge, face = edge or _means(complex_.edges, vertex), face or _means(complex_.faces, vertex)
     return TexturedMesh(xyz, faces, complex_, _signals(vertex, edge, face))
 
@@ -139,8 +140,8 @@ def _sorted(complex_: Complex, lines: NDArray[np.int32], edge: Level) -> Level:
     return values, ok, pixels
 
 
-def _none(count: int) -> Level:
-    return np.zeros(count), np.zeros(count, bool), np.zeros(count, np.int32)
+def _none(count: int, channels: tuple[int, ...]) -> Level:
+    return np.zeros((count, *channels)), np.zeros(count, bool), np.zeros(count, np.int32)
 
 
 def _means(elements: NDArray[Any], vertex: Level) -> Level:
@@ -148,7 +149,11 @@ def _means(elements: NDArray[Any], vertex: Level) -> Level:
     values, ok, _ = vertex
     has_all = ok[elements].all(axis=1)
     means = values[elements].mean(axis=1)
-    return np.where(has_all if means.ndim == 1 else has_all[:, None], means, 0.0), has_all, has_all.astype(np.int32)
+    return (
+        np.where(has_all if means.ndim == 1 else has_all[:, None], means, 0.0),
+        has_all,
+        np.zeros(len(elements), np.int32),
+    )
 
 
 def _signals(vertex: Level, edge: Level, face: Level) -> Signals:

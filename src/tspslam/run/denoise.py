@@ -18,10 +18,10 @@ from ..types import Cloud, FloatArray, Signals
 from .given import Given, Shown
 
 FARTHEST = 2.0  # standard deviations that a landmark moves: from 1 to none it hardly matters (maps of development)
-STRONG = 0.1  # luminance: below it, on the corners that stereo frames have for vertices, more is lost than gained
+LEAST_NOISE = 1e-4  # luminance: a fortieth of a step of 8-bit pixels; below it nothing changes
 
 
-def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given:
+def denoise(given: Given, *, places: bool = True, signals: bool = True, noise: float | None = None) -> Given:
     """Denoise what a run or a file holds.
 
     Parameters
@@ -31,6 +31,9 @@ def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given
     places, signals : bool
         Whether vertices are moved, and whether signals are changed. A stereo frame's points move along their rays
         (`denoise_cloud`), a map's vertices by their covariance, a mesh' by its faces (`denoise_mesh`).
+    noise : float, optional
+        Standard deviation of the noise of luminance, as `denoise_signals` takes it. Default: found, of frames and maps
+        in the image and in how views differ.
 
     Returns
     -------
@@ -42,7 +45,7 @@ def denoise(given: Given, *, places: bool = True, signals: bool = True) -> Given
     InputError, GeometryError
         If there is nothing to work on.
     """
-    smooth = _smooth(given) if signals and given.signals.vertex_ok.any() else given.signals
+    smooth = _smooth(given, noise) if signals and has_three_levels(given) else given.signals
     shown = given.shown
     if isinstance(shown, Frame):
         return replace(given, shown=replace(shown, cloud=_cloud(shown) if places else shown.cloud, signals=smooth))
@@ -67,14 +70,29 @@ def _landmarks(map_: TopologicalMap) -> FloatArray:
     return map_.xyz + moves * np.minimum(1.0, FARTHEST / np.maximum(deviations, FARTHEST))[:, None]
 
 
-def _smooth(given: Given) -> Signals:
+def has_three_levels(given: Given) -> bool:
+    """Say whether edges and faces have signals of their own: not means of vertices, which tell nothing of noise.
+
+    Parameters
+    ----------
+    given : Given
+        As `open_given` reads it.
+
+    Returns
+    -------
+    bool
+    """
+    return bool(given.signals.edge_pixels.any() or given.signals.face_pixels.any())
+
+
+def _smooth(given: Given, noise: float | None) -> Signals:
     shown = given.shown
     uv = shown.cloud.uv if isinstance(shown, Frame) else None
-    return denoise_signals(given.complex_, given.signals, uv=uv, noise=_noise(shown))
+    return denoise_signals(given.complex_, given.signals, uv=uv, noise=_noise(shown) if noise is None else noise)
 
 
 def _noise(shown: Shown) -> float | None:
-    """Strong noise of a pixel that is known: a frame's from its image, a map's from how views differ."""
+    """What is known of the noise of a pixel: a frame's from its image, a map's from how views differ; else nothing."""
     if isinstance(shown, Frame) and shown.image is not None:
         found = estimate_noise(shown.image)
     elif isinstance(shown, TopologicalMap) and (np.asarray(shown.view_count.vertex) > 1).any():
@@ -83,7 +101,7 @@ def _noise(shown: Shown) -> float | None:
         found = float(np.sqrt(np.median(np.asarray(shown.view_variance.vertex)[several] / (count[several] - 1))))
     else:
         return None
-    return found if found >= STRONG else None
+    return max(found, LEAST_NOISE)
 
 
 def describe_change(before: Given, after: Given) -> dict[str, Any]:

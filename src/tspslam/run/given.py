@@ -125,13 +125,16 @@ def open_given(
 
 
 def _of_run(path: Path, frame: int | None) -> Given:
+    if not path.exists():
+        raise bad_input(path, "is not there", "a run folder, a map or a frame (.npz), or a mesh (.vtu, .ply, .obj)")
     folder = RunFolder.open(path)
     made = load_map(path) if frame is None and folder.map_npz_path.exists() else None
     if made is not None and len(made.keyframes) > 1:
         return Given(path, made)
     if frame is None and len(folder.stored_frames) > 1:
         raise bad_input(path, "has no map of its keyframes", f"a frame's index, such as {folder.stored_frames[0]}")
-    return Given(path, read_frame(folder.finished_frame(frame or 0)))
+    first = folder.stored_frames[0] if folder.stored_frames else 0
+    return Given(path, read_frame(folder.finished_frame(first if frame is None else frame)))
 
 
 def _of_npz(path: Path) -> Frame | TopologicalMap:

@@ -109,7 +109,7 @@ def write_denoised_picture(before: TopologicalMap, after: TopologicalMap, path: 
     """
     for each in (before, after):
         check_map(each)
-    if not np.array_equal(before.surface.faces, after.surface.faces):
+    if not np.array_equal(before.complex_.faces, after.complex_.faces):
         raise InputError("view: the two maps have other faces, expected one complex before and after")
     outlook, has_moved = from_path(before), not np.array_equal(before.xyz, after.xyz)
     what = "faces shaded by how they stand" if has_moved else "luminance of each face"
