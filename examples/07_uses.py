@@ -16,9 +16,8 @@ noise = tspslam.estimate_noise(pair.left)
 clean = tspslam.denoise_signals(complex_, signals, uv=cloud.uv, noise=noise)
 sharp = tspslam.denoise_cloud(cloud, surface, pair.left, rig=pair.rig)
 moved = np.linalg.norm(sharp.xyz - cloud.xyz, axis=1)
-print(
-    f"noise of {noise:.3f}: signals changed by {np.std(clean.vertex - signals.vertex):.3f}, points moved by {np.median(moved):.3f} m"
-)
+changed = np.std(clean.vertex - signals.vertex)
+print(f"noise of {noise:.3f}: signals changed by {changed:.3f}, points moved by {np.median(moved):.3f} m")
 
 regions = tspslam.segment(complex_, signals, xyz=cloud.xyz, covariance=cloud.covariance)
 cells = tspslam.merge_cells(complex_, tspslam.disc_labels(complex_, regions))
