@@ -28,9 +28,12 @@ _BAND_LIMITED = (
     0.03  # of the noise's variance: a cut of less risk is taken; development: smooth grids to 0.015, others from 0.05
 )
 _LOST = (
-    0.135  # of the noise's variance: more in the averaged residual is shape that was smoothed off; development, noise
-)
-# of 0.3 edges: fine shallow grooves 0.165 to 0.5, other shapes 0.06 to 0.11
+    0.10,
+    0.20,
+)  # of the noise's variance, in the averaged residual: from here on shape went with it, to here all of
+# it is filtered gently; development, noise of 0.15 and 0.3 edges: 0.10 to 0.20, 0.15 to 0.25 and a threshold tried
+_FAR = 40  # steps of averaging over which lost shape is looked for: 6, 15 and 40 tried
+_FEW = 0.01  # of the vertices: fewer that have lost shape are chance
 _REACH = 1.2  # of the bell over distances, mean distances between centres of faces that touch
 _PULL = 0.01  # back to the noisy place in each round, over the noise in mean edges; at most half
 _SLIDE = 0.8  # share of the way to the middle of the faces around, in each round
@@ -154,9 +157,10 @@ def _denoise(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float | N
             return smooth
     slides = isotropic and not gain.size
     firm = _sharpen(points, mesh, gain, across, _FIRM, slides)
-    if _lost(points, firm, mesh) < _LOST * across**2:
+    share = np.clip((_lost(points, firm, mesh) / across**2 - _LOST[0]) / (_LOST[1] - _LOST[0]), 0, 1)
+    if share.mean() < _FEW:
         return firm
-    return _sharpen(points, mesh, gain, across, _GENTLE, slides)
+    return firm + share * (_sharpen(points, mesh, gain, across, _GENTLE, slides) - firm)
 
 
 def _connect(faces: Index, n: int) -> _Mesh:
@@ -298,15 +302,21 @@ def _apply_series(points: FloatArray, mesh: _Mesh, series: FloatArray) -> FloatA
     return np.asarray(out)
 
 
-def _lost(points: FloatArray, moved: FloatArray, mesh: _Mesh) -> float:
-    """Mean square of what was taken off across the surface, averaged twice around: little is left there of noise."""
+def _lost(points: FloatArray, moved: FloatArray, mesh: _Mesh) -> FloatArray:
+    """Mean square (N, 1), around each vertex, of the average of what was taken off: of noise little is left there."""
     filtered = _measure(moved, mesh)
     normals = mesh.mean_at_vertices(filtered.normals * filtered.areas[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     across = np.repeat(((points - moved) * normals).sum(axis=1, keepdims=True), 3, axis=1)
-    for _ in range(2):
-        across = (across + 2 * _walked(across, mesh)) / 3
-    return float((across[mesh.used, 0] ** 2).mean())
+    square = _averaged(across, mesh, 2) ** 2
+    return _averaged(square, mesh, _FAR)[:, :1]
+
+
+def _averaged(values: FloatArray, mesh: _Mesh, rounds: int) -> FloatArray:
+    """Values (N, 3) averaged with those around, again and again."""
+    for _ in range(rounds):
+        values = (values + 2 * _walked(values, mesh)) / 3
+    return values
 
 
 def _sharpen(
