@@ -10,7 +10,7 @@ from PIL import Image
 from view_maps import ODD_MAPS, room
 
 from tspslam.errors import InputError
-from tspslam.types import Surface
+from tspslam.topology.complex import build_complex
 from tspslam.view import _style as style
 from tspslam.view.uses import region_colours, write_denoised_picture, write_regions_picture, write_use_page
 
@@ -56,6 +56,7 @@ def test_labels_that_do_not_fit_are_refused(tmp_path):
 
 
 def test_maps_with_other_faces_are_refused(tmp_path):
-    other = replace(room(), surface=Surface(room().surface.faces[::-1]))
+    complex_ = room().complex_
+    other = replace(room(), complex_=build_complex(complex_.faces[::-1], complex_.n))
     with pytest.raises(InputError, match="view: the two maps have other faces"):
         write_denoised_picture(room(), other, tmp_path / "a.png")
