@@ -232,6 +232,13 @@ def test_a_mesh_with_a_photo_is_denoised_and_drawn(tmp_path, capsys):
     assert read_vtu(tmp_path / "a.vtu").xyz[:, 2].std() < 0.7 * xyz[:, 2].std()
     assert (tmp_path / "a.png").exists()
     assert (tmp_path / "a.html").exists()
+    photo_bytes = (tmp_path / "photo.png").read_bytes()
+    onto = ("--plot", tmp_path / "photo.png", "--output", tmp_path / "b.vtu")
+    code, _, err = typed(capsys, "segment", tmp_path / "wall.ply", *photo, *onto)
+    assert code == cli.BAD_INPUT
+    assert "is the input" in err
+    assert (tmp_path / "photo.png").read_bytes() == photo_bytes
+    assert not (tmp_path / "b.vtu").exists()
 
 
 def test_noise_that_is_told_is_taken(pair_folder):

@@ -39,10 +39,13 @@ class Given(Brief):
         The run folder or the file.
     shown : Frame or TopologicalMap or TexturedMesh
         What it holds.
+    photo : tuple of Path
+        The photo of a mesh and the calibration of its camera, where they were read.
     """
 
     path: Path
     shown: Shown
+    photo: tuple[Path, ...] = ()
 
     @property
     def xyz(self) -> FloatArray:
@@ -116,7 +119,8 @@ def open_given(
     if image is not None and calibration is not None:
         if path.is_dir():
             raise bad_input(path, "is a folder", "a mesh file to go with a photo")
-        return Given(path, from_file(path, image, calibration, bits=bits))
+        seen = from_file(path, image, calibration, bits=bits)
+        return Given(path, seen, (Path(image), Path(calibration)))
     if path.is_dir() or not path.suffix:
         return _of_run(path, frame)
     if frame is not None:
@@ -230,7 +234,7 @@ def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = Fal
     """
     if given.path.is_dir() and is_inside(output, given.path):
         raise InputError(f"{output}: lies in the run folder {given.path}; expected a place outside")
-    check_output(output, {**MAPS, **PICTURES, "html": PAGE}[kind], [given.path], is_forced=is_forced)
+    check_output(output, {**MAPS, **PICTURES, "html": PAGE}[kind], [given.path, *given.photo], is_forced=is_forced)
 
 
 def name_beside(source: PathLike, what: str, suffix: str) -> Path:
