@@ -49,7 +49,7 @@ def denoise_command(
 ) -> None:
     """Take noise out of the places and the signals of a map, a frame or a mesh; no parameter is asked for."""
     from ..run.denoise import denoise, describe_change, has_three_levels, name_of_result
-    from ..run.given import count_of, write_given
+    from ..run.given import count_of, draw_use, write_shown
 
     if only not in (None, "places", "signals"):
         raise typer.BadParameter(f"{only!r}, expected places or signals", param_hint="--only")
@@ -60,12 +60,12 @@ def denoise_command(
     if only != "places" and given.signals.vertex_ok.any() and not has_three_levels(given):
         note("signals stand on vertices alone, with nothing to tell noise by: they are left as they are")
     after = denoise(given, places=only != "signals", signals=only != "places", noise=noise)
-    change = describe_change(given, after)
-    write_given(after, target, is_forced=force)
-    numbers = [*count_of(given).items(), *((f"{which} move, m", f"{m:.3g}") for which, m in change["moved_m"].items())]
+    sizes, change = count_of(given), describe_change(given, after)
+    write_shown(after.shown, target, _kind(target), given.inputs, is_forced=force)
+    numbers = [*sizes.items(), *((f"{which} move, m", f"{m:.3g}") for which, m in change["moved_m"].items())]
     numbers += [(f"change of {level} signals, rms", f"{value:.1g}") for level, value in change["changed"].items()]
-    _draw(given, plot, report, f"Denoised: {source.name}", numbers, after=after)
-    _tell(count_of(given) | change, _say_change(count_of(given), change), target, plot, report, as_json)
+    draw_use(given, plot, report, f"Denoised: {source.name}", numbers, after=after)
+    _tell(sizes | change, _say_change(sizes, change), target, plot, report, as_json)
 
 
 @app.command("segment")
@@ -85,7 +85,7 @@ def segment_command(
     """Find the regions of a map, a frame or a mesh by luminance, texture and shape; each face gets a label."""
     import numpy as np
 
-    from ..run.given import count_of, name_beside, write_given
+    from ..run.given import count_of, draw_use, name_beside, write_shown
     from ..run.segment import columns_of, find_regions
 
     target = output or name_beside(source, "segmented", ".vtu")
@@ -93,11 +93,12 @@ def segment_command(
     given = _open(source, image, calib, bits, frame, plot, report)
     _check(given, target, plot, report, force)
     labels = find_regions(given, scale)
-    write_given(given, target, face=columns_of(labels, target), is_forced=force)
+    columns = columns_of(labels, target)
+    write_shown(given.shown, target, _kind(target), given.inputs, face=columns, is_forced=force)
     sizes = np.bincount(labels)
     counts = count_of(given) | {"regions": len(sizes), "largest_faces": int(sizes.max()), "scale": scale}
     numbers = [(name.replace("_", " region, "), value) for name, value in counts.items()]
-    _draw(given, plot, report, f"Regions: {source.name}", numbers, labels=labels)
+    draw_use(given, plot, report, f"Regions: {source.name}", numbers, labels=labels)
     words = f"{len(sizes)} regions of {len(labels)} faces at scale {scale:g}; the largest has {sizes.max()}"
     _tell(counts, words, target, plot, report, as_json)
 
@@ -156,7 +157,7 @@ def _open(
         if path:
             check_suffix(path, [suffix], option)
     given = open_given(source, image, calib, frame=frame, bits=bits)
-    if (plot or report) and given.as_map() is None:
+    if (plot or report) and not given.has_camera:
         which = "--plot" if plot else "--report"
         raise typer.BadParameter("goes with a run, a map or a frame, or a mesh with --image", param_hint=which)
     return given
@@ -164,22 +165,17 @@ def _open(
 
 def _check(given: Given, target: Path, plot: Path | None, report: Path | None, is_forced: bool) -> None:
     """Refuse places that cannot be written to, before the work."""
-    from ..run.given import check_result, kind_of
+    from ..run.given import file_kind
+    from ..run.guard import PAGE, PICTURES, check_place
 
-    check_result(given, target, kind_of(given, target), is_forced=is_forced)
-    for path, kind in ((plot, "png"), (report, "html")):
+    check_place(target, file_kind(given.shown, target, _kind(target)), given.inputs, is_forced=is_forced)
+    for path, kind in ((plot, PICTURES["png"]), (report, PAGE)):
         if path:
-            check_result(given, path, kind, is_forced=is_forced)
+            check_place(path, kind, given.inputs, is_forced=is_forced)
 
 
-def _draw(
-    given: Given, plot: Path | None, report: Path | None, title: str, numbers: list[tuple[str, Any]], **made: Any
-) -> None:
-    """Draw what was made of a map, if that is asked for."""
-    from ..run.given import draw_use
-
-    if plot or report:
-        draw_use(given, plot, report, title, numbers, **made)
+def _kind(path: Path) -> str:
+    return path.suffix[1:].lower()
 
 
 def _tell(

@@ -15,7 +15,7 @@ from ..apps.signals import denoise_signals
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..types import Cloud, FloatArray, Signals
-from .given import Given, Shown
+from .given import Given, Shown, name_beside
 
 FARTHEST = 2.0  # standard deviations that a landmark moves: from 1 to none it hardly matters (maps of development)
 LEAST_NOISE = 1e-4  # luminance: a fortieth of a step of 8-bit pixels; below it nothing changes
@@ -144,7 +144,5 @@ def name_of_result(source: Path) -> Path:
     -------
     Path
     """
-    from .given import name_beside
-
     own = source.suffix.lower()
     return name_beside(source, "denoised", own if own in (".vtu", ".ply") else ".vtu")

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from .._files import bad_input
 from ..errors import InputError
-from ..frame import Frame
-from ..io import RunFolder, read_frame, write_frame
-from ..io.maps import write_map_ply, write_map_vtu
-from ..io.topological import load_map, write_map
-from ..topological_map import TopologicalMap
+from ..io import RunFolder
 from .config import resolve
-from .guard import MAPS, check_output, is_inside
+from .given import shown_of_run, write_shown
+from .guard import MAPS, check_place
 from .map import join_keyframes, stored_keyframes
 
-_WRITERS: dict[str, Callable[[Path, Any], None]] = {"vtu": write_map_vtu, "ply": write_map_ply}
 FORMATS = ("vtu", "ply", "npz")
 
 
@@ -51,22 +46,8 @@ def export(
     OutputError
         If it cannot be written.
     """
-    folder = RunFolder.open(run)
-    made = load_map(run) if frame is None and folder.map_npz_path.exists() else None
-    if made is not None and len(made.keyframes) > 1:
-        return _write(run, output or Path(f"{run.resolve().name}-map.{to}"), to, made, is_forced)
-    if frame is None and len(folder.stored_frames) > 1:
-        raise bad_input(run, "has no map of its keyframes", f"--frame N, such as {folder.stored_frames[0]}")
-    stored = folder.finished_frame(frame or 0)
-    return _write(run, output or Path(f"{run.resolve().name}-{stored.stem}.{to}"), to, read_frame(stored), is_forced)
-
-
-def _write(run: Path, target: Path, kind: str, shown: Frame | TopologicalMap, is_forced: bool) -> Path:
-    """Write a map or a frame, not into the run, nor over a file of another kind."""
-    is_map = isinstance(shown, TopologicalMap)
-    _refuse_place(target, run, "map" if is_map and kind == "npz" else kind, is_forced)
-    _WRITERS.get(kind, write_map if is_map else write_frame)(target, shown)
-    return target
+    name, shown = shown_of_run(run, frame)
+    return write_shown(shown, output or Path(f"{run.resolve().name}-{name}.{to}"), to, [run], is_forced=is_forced)
 
 
 def export_map_anew(
@@ -105,14 +86,11 @@ def export_map_anew(
     folder, target = RunFolder.open(run), output or Path(f"{run.resolve().name}-map.npz")
     kind = target.suffix[1:].lower()
     settings = resolve(file=folder.path / "config.yaml", assignments=assignments).settings
-    _refuse_place(target, run, "map" if kind == "npz" else kind, is_forced)
+    check_place(target, MAPS["map" if kind == "npz" else kind], [run], is_forced=is_forced)
     made = join_keyframes(stored_keyframes(folder), settings)
     sizes = {"vertices": len(made), "edges": len(made.complex_.edges), "faces": len(made.surface.faces)}
-    return {"written": str(_write(run, target, kind, made, is_forced))} | sizes | {"keyframes": len(made.keyframes)}
-
-
-def _refuse_place(target: Path, run: Path, kind: str, is_forced: bool) -> None:
-    """Refuse to write into the run, or over a file of another kind."""
-    if is_inside(target, run):
-        raise InputError(f"{target}: lies in the run folder {run}; expected a place outside")
-    check_output(target, MAPS[kind], [run], is_forced=is_forced)
+    return (
+        {"written": str(write_shown(made, target, kind, [run], is_forced=is_forced))}
+        | sizes
+        | {"keyframes": len(made.keyframes)}
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,8 @@ from ..io.topological import load_map, read_map, write_map
 from ..mapping.build import map_of_frame
 from ..topological_map import TopologicalMap
 from ..topology.complex import Complex
-from ..types import FloatArray, Response, Signals
-from .guard import MAPS, PAGE, PICTURES, check_output, is_inside
+from ..types import FloatArray, Signals
+from .guard import MAPS, Kind, check_place
 
 Shown = Frame | TopologicalMap | TexturedMesh
 
@@ -68,9 +68,21 @@ class Given(Brief):
         return self.shown.signals
 
     @property
-    def response(self) -> Response | None:
-        """The response, where there is one."""
-        return None if isinstance(self.shown, TexturedMesh) else self.shown.response
+    def covariance(self) -> FloatArray | None:
+        """Covariances of the places, (N, 3, 3), m²; None where they are not known."""
+        if isinstance(self.shown, TexturedMesh):
+            return None
+        return self.shown.cloud.covariance if isinstance(self.shown, Frame) else self.shown.covariance
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether it can be drawn: it is no mesh without a camera."""
+        return not isinstance(self.shown, TexturedMesh)
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """All that was read: none of it is written to."""
+        return (self.path, *self.photo)
 
     def as_map(self) -> TopologicalMap | None:
         """Take it as a map.
@@ -122,42 +134,69 @@ def open_given(
         seen = from_file(path, image, calibration, bits=bits)
         return Given(path, seen, (Path(image), Path(calibration)))
     if path.is_dir() or not path.suffix:
-        return _of_run(path, frame)
+        if not path.exists():
+            raise bad_input(path, "is not there", "a run folder, a map or a frame (.npz), or a mesh (.vtu, .ply, .obj)")
+        return Given(path, shown_of_run(path, frame)[1])
     if frame is not None:
         raise bad_input(path, "is a file", "a run folder to go with a frame's index")
     return Given(path, _of_npz(path) if path.suffix.lower() == ".npz" else read_textured(path))
 
 
-def _of_run(path: Path, frame: int | None) -> Given:
-    if not path.exists():
-        raise bad_input(path, "is not there", "a run folder, a map or a frame (.npz), or a mesh (.vtu, .ply, .obj)")
-    folder = RunFolder.open(path)
-    made = load_map(path) if frame is None and folder.map_npz_path.exists() else None
+def shown_of_run(run: Path, frame: int | None = None) -> tuple[str, Frame | TopologicalMap]:
+    """Read the map of a run, of a run of one frame that frame, or one keyframe; and how files call it.
+
+    Parameters
+    ----------
+    run : path
+        The run folder.
+    frame : int, optional
+        Index of a keyframe; by default the map.
+
+    Returns
+    -------
+    str
+        ``map``, or the name of the frame's file.
+    Frame or TopologicalMap
+        What was read.
+
+    Raises
+    ------
+    InputError
+        If it is no run folder, has no such frame, or of several frames no map.
+    """
+    folder = RunFolder.open(run)
+    made = load_map(run) if frame is None and folder.map_npz_path.exists() else None
     if made is not None and len(made.keyframes) > 1:
-        return Given(path, made)
+        return "map", made
     if frame is None and len(folder.stored_frames) > 1:
-        raise bad_input(path, "has no map of its keyframes", f"a frame's index, such as {folder.stored_frames[0]}")
+        raise bad_input(run, "has no map of its keyframes", f"--frame N, such as {folder.stored_frames[0]}")
     first = folder.stored_frames[0] if folder.stored_frames else 0
-    return Given(path, read_frame(folder.finished_frame(first if frame is None else frame)))
+    stored = folder.finished_frame(first if frame is None else frame)
+    return stored.stem, read_frame(stored)
 
 
 def _of_npz(path: Path) -> Frame | TopologicalMap:
     return read_map(path) if path.is_file() and MAPS["map"].fits(path) else read_frame(path)
 
 
-def write_given(
-    given: Given, output: Path, *, face: Mapping[str, ArrayLike] | None = None, is_forced: bool = False
-) -> Path:
-    """Write what a use has made, in the format that the suffix names.
+def write_shown(
+    shown: Shown, output: Path, kind: str, inputs: Iterable[Path],
+    *, face: Mapping[str, ArrayLike] | None = None, is_forced: bool = False,
+) -> Path:  # fmt: skip
+    """Write a map, a frame or a mesh, where `check_place` lets it.
 
     Parameters
     ----------
-    given : Given
+    shown : Frame or TopologicalMap or TexturedMesh
         What is written.
     output : path
-        .vtu, .ply, or, of a map or a frame, .npz.
+        The file.
+    kind : str
+        vtu, ply, or, of a map or a frame, npz.
+    inputs : iterable of path
+        What was read.
     face : dict of (F,) arrays, optional
-        More columns of the faces; not in .npz.
+        More columns of the faces; not in npz.
     is_forced : bool
         Whether a file of another kind may be overwritten.
 
@@ -169,72 +208,44 @@ def write_given(
     Raises
     ------
     InputError
-        If the file lies in the run, or is of another kind; if a mesh or columns are to go into .npz.
+        As `check_place`; if a mesh is to go into npz.
     OutputError
         If it cannot be written.
     """
-    kind = kind_of(given, output)
-    if kind == "map" and face:
-        raise bad_input(output, "holds no more columns", "a name that ends with .vtu or .ply")
-    check_result(given, output, kind, is_forced=is_forced)
-    if isinstance(given.shown, TopologicalMap) and kind == "map":
-        write_map(output, given.shown)
-    elif isinstance(given.shown, Frame) and kind == "npz":
-        write_frame(output, given.shown)
+    check_place(output, file_kind(shown, output, kind), inputs, is_forced=is_forced)
+    if isinstance(shown, TopologicalMap) and kind == "npz":
+        write_map(output, shown)
+    elif isinstance(shown, Frame) and kind == "npz":
+        write_frame(output, shown)
     else:
-        (write_map_vtu if kind == "vtu" else write_map_ply)(output, given.shown, face=face)
+        (write_map_vtu if kind == "vtu" else write_map_ply)(output, shown, face=face)
     return output
 
 
-def kind_of(given: Given, output: Path) -> str:
-    """Which kind of file a result will be, by its suffix.
+def file_kind(shown: Shown, output: Path, kind: str) -> Kind:
+    """Look up how a file of ours begins.
 
     Parameters
     ----------
-    given : Given
-        What is written.
+    shown : Frame or TopologicalMap or TexturedMesh
+        What will be written.
     output : path
         The file.
+    kind : str
+        vtu, ply or npz.
 
     Returns
     -------
-    str
-        One of `guard.MAPS`.
+    Kind
 
     Raises
     ------
     InputError
-        If it is .npz, and a mesh that is neither map nor frame.
+        If it is npz, and a mesh that is neither map nor frame.
     """
-    kind = output.suffix[1:].lower()
-    if kind != "npz":
-        return kind
-    if isinstance(given.shown, TexturedMesh):
+    if kind == "npz" and isinstance(shown, TexturedMesh):
         raise bad_input(output, "is a name for a map or a frame alone", "one that ends with .vtu or .ply")
-    return "map" if isinstance(given.shown, TopologicalMap) else "npz"
-
-
-def check_result(given: Given, output: Path, kind: str, *, is_forced: bool = False) -> None:
-    """Refuse to write into the run that is read, over an input, or over a file of another kind.
-
-    Parameters
-    ----------
-    given : Given
-        What was read.
-    output : path
-        The file to write.
-    kind : str
-        Its kind, as `guard.MAPS` and `guard.PICTURES` name them, or html.
-    is_forced : bool
-        Whether a file of another kind may be overwritten.
-
-    Raises
-    ------
-    InputError
-    """
-    if given.path.is_dir() and is_inside(output, given.path):
-        raise InputError(f"{output}: lies in the run folder {given.path}; expected a place outside")
-    check_output(output, {**MAPS, **PICTURES, "html": PAGE}[kind], [given.path, *given.photo], is_forced=is_forced)
+    return MAPS["map" if kind == "npz" and isinstance(shown, TopologicalMap) else kind]
 
 
 def name_beside(source: PathLike, what: str, suffix: str) -> Path:
@@ -283,7 +294,7 @@ def draw_use(
     given: Given, plot: Path | None, report: Path | None, title: str, numbers: Sequence[tuple[str, Any]],
     *, after: Given | None = None, labels: NDArray[np.int32] | None = None,
 ) -> None:  # fmt: skip
-    """Draw what was made of a map: as a picture, as a page with the map to turn, or both.
+    """Draw what was made of a map: as a picture, as a page with the map to turn, both, or not at all.
 
     Parameters
     ----------
@@ -305,9 +316,12 @@ def draw_use(
     OutputError
         If a file cannot be written.
     """
+    if not (plot or report):
+        return
     from ..view.uses import write_denoised_picture, write_regions_picture, write_use_page
 
-    before, shown = given.as_map(), (after or given).as_map()
+    before = given.as_map()
+    shown = before if after is None else after.as_map()
     if before is None or shown is None:
         raise bad_input(given.path, "is a mesh without a camera", "a run, a map or a frame to draw")
     with tempfile.TemporaryDirectory() as folder:

@@ -97,6 +97,31 @@ def check_output(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced:
         raise InputError(f"{output}: is there and is no {kind.name}; expected a free name, or --force to overwrite it")
 
 
+def check_place(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced: bool = False) -> None:
+    """Raise as `check_output`, and also if a file would lie in a run folder of the input.
+
+    Parameters
+    ----------
+    output : path
+        The file to write.
+    kind : Kind
+        What it will be.
+    inputs : iterable of path
+        What was read.
+    is_forced : bool
+        Whether a file of another kind may be overwritten.
+
+    Raises
+    ------
+    InputError
+    """
+    given = list(inputs)
+    for path in given:
+        if path.is_dir() and is_inside(output, path):
+            raise InputError(f"{output}: lies in the run folder {path}; expected a place outside")
+    check_output(output, kind, given, is_forced=is_forced)
+
+
 def check_folder(out: Path, inputs: Iterable[Path]) -> None:
     """Raise `InputError` if a run folder would be an input, or hold one.
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..apps.segment import segment
-from ..frame import Frame
 from .given import Given
 
 
@@ -33,9 +32,7 @@ def find_regions(given: Given, scale: float = 1.0) -> NDArray[np.int32]:
     InputError
         If the scale is none.
     """
-    shown = given.shown
-    covariance = shown.cloud.covariance if isinstance(shown, Frame) else getattr(shown, "covariance", None)
-    return segment(given.complex_, given.signals, scale=scale, xyz=given.xyz, covariance=covariance)
+    return segment(given.complex_, given.signals, scale=scale, xyz=given.xyz, covariance=given.covariance)
 
 
 def columns_of(labels: NDArray[np.int32], output: Path) -> dict[str, NDArray[Any]]:
