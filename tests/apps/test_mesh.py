@@ -4,6 +4,7 @@ import pytest
 from tspslam import InputError
 from tspslam.apps import _mesh
 from tspslam.apps.mesh import denoise_mesh
+from tspslam.topology._kernels import face_neighbours
 
 
 def grid(rows, columns):
@@ -235,7 +236,7 @@ def test_kernel_of_means_is_the_sum_that_it_says():
     square = lambda x: ((x[:, None] - x[None]) ** 2).sum(axis=2)  # noqa: E731
     exponent = square(centres) / (2 * 1.5**2) + square(guide) / (2 * 0.7**2)
     means = (shared * areas * np.maximum(1 - exponent / 8, 0) ** 8) @ normals
-    start, at = _mesh.faces_at_vertices(faces, 25)
+    start, at = face_neighbours(25, faces)
     out = np.empty((count, 3))
     _mesh.average_normals(normals, guide, centres, areas, *_mesh.rings(faces, start, at), 1.5, 0.7, out)
     np.testing.assert_allclose(out, means / np.linalg.norm(means, axis=1, keepdims=True), atol=1e-12)
@@ -243,7 +244,7 @@ def test_kernel_of_means_is_the_sum_that_it_says():
 
 def test_gain_of_second_differences_is_that_of_the_matrix():
     xyz, faces = sheet(5)
-    start, at = _mesh.faces_at_vertices(faces, len(xyz))
+    start, at = face_neighbours(len(xyz), faces)
     step = np.zeros((len(xyz), len(xyz)))
     for a, b, c in faces:
         step[[a, a, b, b, c, c], [b, c, a, c, a, b]] += 1

@@ -7,22 +7,13 @@ import numpy as np
 from .._jit import inlined, kernel
 
 
-@kernel
-def faces_at_vertices(faces, n):  # type: ignore[no-untyped-def]
-    """Return the faces at each vertex, in CSR form: start (n + 1,) and faces, both int32."""
-    start = np.zeros(n + 1, np.int32)
-    for f in range(faces.shape[0]):
-        for k in range(3):
-            start[faces[f, k] + 1] += 1
-    for v in range(n):
-        start[v + 1] += start[v]
-    fill, at = start[:-1].copy(), np.empty(start[n], np.int32)
-    for f in range(faces.shape[0]):
-        for k in range(3):
-            v = faces[f, k]
-            at[fill[v]] = f
-            fill[v] += 1
-    return start, at
+@inlined
+def _write_unit(x, y, z, out, f):  # type: ignore[no-untyped-def]
+    """Write a direction as row f, of length 1; 0 stays. Its length before."""
+    length = np.sqrt(x * x + y * y + z * z)
+    share = 1 / length if length > 0 else 0.0
+    out[f, 0], out[f, 1], out[f, 2] = x * share, y * share, z * share
+    return length
 
 
 @inlined
@@ -109,9 +100,7 @@ def measure_faces(xyz, faces, normals, centres, areas, angles):  # type: ignore[
         ux, uy, uz = xyz[b, 0] - xyz[a, 0], xyz[b, 1] - xyz[a, 1], xyz[b, 2] - xyz[a, 2]
         wx, wy, wz = xyz[c, 0] - xyz[a, 0], xyz[c, 1] - xyz[a, 1], xyz[c, 2] - xyz[a, 2]
         x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-        length = np.sqrt(x * x + y * y + z * z)
-        share = 1 / length if length > 0 else 0.0
-        normals[f, 0], normals[f, 1], normals[f, 2] = x * share, y * share, z * share
+        length = _write_unit(x, y, z, normals, f)
         for axis in range(3):
             centres[f, axis] = (xyz[a, axis] + xyz[b, axis] + xyz[c, axis]) / 3
         areas[f] = length / 2
@@ -140,9 +129,7 @@ def guide_normals(normals, areas, begin, near, out):  # type: ignore[no-untyped-
             y += areas[g] * normals[g, 1]
             z += areas[g] * normals[g, 2]
             area += areas[g]
-        length = np.sqrt(x * x + y * y + z * z)
-        share = 1 / length if length > 0 else 0.0
-        means[f, 0], means[f, 1], means[f, 2] = x * share, y * share, z * share
+        length = _write_unit(x, y, z, means, f)
         spread[f] = max(1 - length / area, 0.0) + 1e-6 if area > 0 else 1.0  # 1e-6: a spread of 0.1°
     for f in range(count):
         least = spread[f]
@@ -157,9 +144,7 @@ def guide_normals(normals, areas, begin, near, out):  # type: ignore[no-untyped-
             x += weight * means[g, 0]
             y += weight * means[g, 1]
             z += weight * means[g, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        share = 1 / length if length > 0 else 0.0
-        out[f, 0], out[f, 1], out[f, 2] = x * share, y * share, z * share
+        _write_unit(x, y, z, out, f)
 
 
 @inlined
@@ -185,9 +170,7 @@ def average_normals(normals, guide, centres, areas, begin, near, reach, width, o
             x += weight * normals[g, 0]
             y += weight * normals[g, 1]
             z += weight * normals[g, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        share = 1 / length if length > 0 else 0.0
-        out[f, 0], out[f, 1], out[f, 2] = x * share, y * share, z * share
+        _write_unit(x, y, z, out, f)
 
 
 @kernel

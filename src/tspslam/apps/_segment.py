@@ -228,23 +228,6 @@ def cut_tree(parent, height, n, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def neighbours_of(n, pairs):  # type: ignore[no-untyped-def]
-    """CSR rows: the other faces of each face's pairs."""
-    first = np.zeros(n + 1, np.int64)
-    for k in range(pairs.shape[0]):
-        first[pairs[k, 0] + 1] += 1
-        first[pairs[k, 1] + 1] += 1
-    first[:] = np.cumsum(first)
-    fill, near = first[:-1].copy(), np.empty(first[n], np.int64)
-    for k in range(pairs.shape[0]):
-        for side in range(2):
-            f = pairs[k, side]
-            near[fill[f]] = pairs[k, 1 - side]
-            fill[f] += 1
-    return first, near
-
-
-@kernel
 def grow_discs(faces, face_edges, graph, n, n_edges, labels):  # type: ignore[no-untyped-def]
     """Cut regions into discs: labels, numbered by their first faces.
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._checks import real_array
 from ..errors import InputError
+from ..topology._kernels import face_neighbours
 from ..types import BoolArray, FloatArray
 from . import _mesh
 
@@ -54,12 +55,6 @@ class _Mesh:
     def used(self) -> BoolArray:
         """Which vertices have a face."""
         return np.diff(self.start) > 0
-
-    def mean_at_vertices(self, values: FloatArray) -> FloatArray:
-        """Sum of what the faces at each vertex have, over their number; 0 without faces."""
-        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[self.at], axis=0)])
-        count = np.maximum(np.diff(self.start), 1)[:, None]
-        return np.asarray((total[self.start[1:]] - total[self.start[:-1]]) / count)
 
 
 class _Noise(NamedTuple):
@@ -166,7 +161,7 @@ def _denoise(points: FloatArray, mesh: _Mesh, gain: FloatArray, level: float | N
 def _connect(faces: Index, n: int) -> _Mesh:
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = np.ascontiguousarray(faces[proper])
-    start, at = _mesh.faces_at_vertices(faces, n)
+    start, at = face_neighbours(n, faces)
     _mesh.orient(faces, start, at)
     begin, near = _mesh.rings(faces, start, at)
     return _Mesh(faces, start, at, begin, near, _mesh.on_border(faces, start, at))
@@ -177,6 +172,15 @@ def _measure(points: FloatArray, mesh: _Mesh, into: _Geometry | None = None) -> 
     into = into or _Geometry(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty((count, 3)))
     _mesh.measure_faces(points, mesh.faces, *into)
     return into
+
+
+def _normals_at_vertices(geometry: _Geometry, mesh: _Mesh) -> FloatArray:
+    """Unit normals (N, 3), means over the faces at each vertex by their area; 0 without faces."""
+    values = geometry.normals * geometry.areas[:, None]
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(values[mesh.at], axis=0)])
+    count = np.maximum(np.diff(mesh.start), 1)[:, None]
+    means = (total[mesh.start[1:]] - total[mesh.start[:-1]]) / count
+    return np.asarray(means / np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-300))
 
 
 def _mean_edge(points: FloatArray, mesh: _Mesh) -> float:
@@ -214,8 +218,7 @@ def _estimate_noise(points: FloatArray, mesh: _Mesh) -> _Noise:
         smooth = (smooth + _walked(smooth, mesh)) / 2
     plain, pilot = _measure(points, mesh), _measure(smooth, mesh)
     folded = float((np.einsum("ij,ij->i", plain.normals, pilot.normals) < 0).mean())
-    normals = mesh.mean_at_vertices(pilot.normals * pilot.areas[:, None])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = _normals_at_vertices(pilot, mesh)
     once = points - _walked(points, mesh)
     twice = (once - _walked(once, mesh))[mesh.used] / np.sqrt(_mesh.second_gain(mesh.faces, mesh.start, mesh.at))[
         mesh.used, None
@@ -304,9 +307,7 @@ def _apply_series(points: FloatArray, mesh: _Mesh, series: FloatArray) -> FloatA
 
 def _lost(points: FloatArray, moved: FloatArray, mesh: _Mesh) -> FloatArray:
     """Mean square (N, 1), around each vertex, of the average of what was taken off: of noise little is left there."""
-    filtered = _measure(moved, mesh)
-    normals = mesh.mean_at_vertices(filtered.normals * filtered.areas[:, None])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = _normals_at_vertices(_measure(moved, mesh), mesh)
     across = np.repeat(((points - moved) * normals).sum(axis=1, keepdims=True), 3, axis=1)
     square = _averaged(across, mesh, 2) ** 2
     return _averaged(square, mesh, _FAR)[:, :1]

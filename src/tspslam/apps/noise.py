@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..topology.texture import luminance
-from ..types import FloatArray
 
 BLOCK = 8  # px: small enough to find a flat place in most images
 FLATTEST = 0.1  # of the blocks: the rest may have texture
@@ -48,15 +47,10 @@ def estimate_noise(image: NDArray[np.generic]) -> float:
     height, width = ((side - 2) // BLOCK for side in plane.shape)
     if min(height, width) < 1:
         raise InputError(f"image has {plane.shape[1]} x {plane.shape[0]} px, expected {BLOCK + 2} or more each way")
-    rough = np.abs(_bend(_bend(plane).T).T)[: height * BLOCK, : width * BLOCK] / 6
+    rough = np.abs(np.diff(np.diff(plane, 2, axis=0), 2, axis=1))[: height * BLOCK, : width * BLOCK] / 6
     blocks = rough.reshape(height, BLOCK, width, BLOCK).mean(axis=(1, 3))
     middle = plane[1:-1, 1:-1][: height * BLOCK, : width * BLOCK].reshape(height, BLOCK, width, BLOCK)
     is_lit = (middle.max(axis=(1, 3)) > 0) & (middle.min(axis=(1, 3)) < 1)
     if not is_lit.any():
         return 0.0
     return float(np.sqrt(np.pi / 2) * np.quantile(blocks[is_lit], FLATTEST) / EXPECTED)
-
-
-def _bend(rows: FloatArray) -> FloatArray:
-    """Second differences along each row."""
-    return rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]

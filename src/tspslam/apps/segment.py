@@ -137,6 +137,7 @@ def disc_labels(complex_: Complex, labels: ArrayLike) -> Labels:
     >>> labels.tolist(), len(merge_cells(tetrahedron, labels).faces)
     ([0, 0, 0, 1], 2)
     """
+    from ..topology._kernels import vertex_neighbours
     from . import _segment
 
     _check_triangles(complex_)
@@ -144,7 +145,7 @@ def disc_labels(complex_: Complex, labels: ArrayLike) -> Labels:
     if values.shape != (len(complex_.faces),) or (values.size and values.dtype.kind not in "iu"):
         raise InputError(f"labels are {told(values)}, expected ({len(complex_.faces)},) integers")
     pairs, _ = _segment.pairs_at_edges(complex_.face_edges, len(complex_.edges))
-    graph = _segment.neighbours_of(len(values), pairs)
+    graph = vertex_neighbours(len(values), pairs)
     named = np.unique(values, return_inverse=True)[1].astype(np.int64)
     discs: Labels = _segment.grow_discs(
         complex_.faces, complex_.face_edges, graph, complex_.n, len(complex_.edges), named

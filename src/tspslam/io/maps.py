@@ -14,7 +14,7 @@ from .._brief import brief
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..topology.complex import Complex
-from ..types import FloatArray, Response, one_channel
+from ..types import FloatArray, Response, Signals, one_channel
 from .ply import write_ply
 from .textured import TexturedMesh
 from .vtu import write_vtu
@@ -119,9 +119,8 @@ def _layers(shown: Frame | TopologicalMap | TexturedMesh) -> Layers:
 
 def _of_frame(frame: Frame) -> Layers:
     signals, xyz = frame.signals, frame.cloud.xyz
-    vertex = _level(signals.vertex, signals.vertex_ok) | {"depth": xyz[:, 2]} | _answer(frame.response)
-    edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
-    face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
+    vertex, edge, face = _signal_columns(signals)
+    vertex |= {"depth": xyz[:, 2]} | _answer(frame.response)
     return Layers(frame.complex_, xyz, frame.surface.faces, vertex, edge, face)
 
 
@@ -130,19 +129,11 @@ def _of_mesh(mesh: TexturedMesh) -> Layers:
     signals = mesh.signals
     if not (signals.vertex_ok.any() or signals.edge_ok.any() or signals.face_ok.any()):
         return Layers(wound, mesh.xyz, mesh.faces, {}, {}, {})
-    edge = _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels}
-    face = _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels}
-    return Layers(wound, mesh.xyz, mesh.faces, _level(signals.vertex, signals.vertex_ok), edge, face)
+    return Layers(wound, mesh.xyz, mesh.faces, *_signal_columns(signals))
 
 
 def _of_map(map_: TopologicalMap) -> Layers:
-    signals = map_.signals
-    own = [
-        _level(signals.vertex, signals.vertex_ok),
-        _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels},
-        _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels},
-    ]
-    views = zip(own, map_.view_count, map_.view_variance, strict=True)
+    views = zip(_signal_columns(map_.signals), map_.view_count, map_.view_variance, strict=True)
     vertex, edge, face = (columns | {"views": count, "variance": variance} for columns, count, variance in views)
     vertex |= {"landmark_id": map_.landmark_id} | _answer(map_.response)
     vertex |= {"direction": map_.direction, "direction_spread": map_.direction_spread}
@@ -161,6 +152,15 @@ def _answer(response: Response) -> Columns:
         "phase": shown.phase,
         "defined": response.defined.astype(np.uint8),
     }
+
+
+def _signal_columns(signals: Signals) -> tuple[Columns, Columns, Columns]:
+    """Columns of vertices, edges and faces: what stands there, whether it is a signal, and its pixels."""
+    return (
+        _level(signals.vertex, signals.vertex_ok),
+        _level(signals.edge, signals.edge_ok) | {"pixels": signals.edge_pixels},
+        _level(signals.face, signals.face_ok) | {"pixels": signals.face_pixels},
+    )
 
 
 def _level(values: FloatArray, ok: NDArray[np.bool_]) -> Columns:
