@@ -9,7 +9,7 @@ OLDEST := .venv-oldest
 TESTS := -m pytest -n 2 --dist loadfile
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-latest test-oldest constraints check bench bench-slam bench-map bench-uses paper docs clean
+.PHONY: demo test test-browser browser test-latest test-oldest constraints check bench bench-slam bench-map bench-uses paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
@@ -17,6 +17,12 @@ demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say wh
 test: $(READY_DEV)  ## every check and every test
 	$(MAKE) check
 	$(ONE_THREAD) $(BIN)/python $(TESTS)
+
+browser:  ## install Chromium where the system's own packages have it, for the tests that need a browser
+	command -v chromium chromium-browser google-chrome || { apt-get update -qq && apt-get install -y -qq chromium; }
+
+test-browser: browser $(READY_DEV)  ## the report and the viewer in a real browser; `make test` skips these where there is none
+	$(ONE_THREAD) $(BIN)/python -m pytest -q tests/browser
 
 test-latest: | $(LATEST)/bin/python  ## every test with the newest packages of today
 	$(LATEST)/bin/python -m pip install --quiet --upgrade --upgrade-strategy eager -e '.[dev,docs]'
