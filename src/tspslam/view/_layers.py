@@ -100,7 +100,7 @@ def colours_of(layer: Layer) -> NDArray[np.uint8]:
 
 
 def steps_of(layer: Layer) -> NDArray[np.uint8]:
-    """Place each value on its scale, which is not ``rgb``, (n,) uint8: 0 and 255 are its ends; 0 where there is none."""
+    """Place each value on a scale other than ``rgb``, (n,) uint8: 0 and 255 are its ends; 0 where there is none."""
     low, high = layer.span
     share = (layer.values - low) / (high - low)
     return np.where(layer.ok, np.clip(np.rint((_STEPS - 1) * share), 0, _STEPS - 1), 0).astype(np.uint8)
