@@ -1,4 +1,4 @@
-"""How the pages are built: offline, by Sphinx with the theme furo; numbers and pictures come from the package at build time."""
+"""How the pages are built: offline, by Sphinx and its theme furo; the package gives numbers and pictures."""
 
 import contextlib
 import io

@@ -1,6 +1,6 @@
 """The picture of the first page and of the README, ``images/street.png``: ``python docs/street.py``, in a minute.
 
-A synthetic street, its map as seen from the camera's path: luminance on the left, magnitude of the response on the right.
+A synthetic street mapped, seen from the camera's path: luminance on the left, magnitude of the response on the right.
 """
 
 from pathlib import Path
