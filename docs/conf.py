@@ -38,9 +38,11 @@ html_static_path = ["_static"]
 html_show_sourcelink = html_show_sphinx = False
 html_copy_source = False
 pygments_style, pygments_dark_style = "friendly", "github-dark"
+COLOURS = {"color-sidebar-link-text": "var(--color-foreground-primary)"}
+COLOURS["color-sidebar-link-text--top-level"] = COLOURS["color-sidebar-link-text"]
 html_theme_options = {
-    "light_css_variables": {"color-brand-primary": "#a8480a", "color-brand-content": "#1f5fbf"},
-    "dark_css_variables": {"color-brand-primary": "#ff9a52", "color-brand-content": "#7db2ff"},
+    "light_css_variables": COLOURS | {"color-brand-primary": "#a8480a", "color-brand-content": "#1f5fbf"},
+    "dark_css_variables": COLOURS | {"color-brand-primary": "#ff9a52", "color-brand-content": "#7db2ff"},
 }
 
 
