@@ -1,4 +1,4 @@
-"""How the pages are built: offline, by Sphinx alone; numbers and pictures come from the package at build time."""
+"""How the pages are built: offline, by Sphinx and its theme furo; the package gives numbers and pictures."""
 
 import contextlib
 import io
@@ -31,23 +31,19 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 
-html_theme = "alabaster"
+html_theme = "furo"  # its fonts, scripts and search are files of the pages: nothing comes from the network
 html_title = f"tspslam {release}"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_show_sourcelink = html_show_sphinx = False
+html_copy_source = False
+pygments_style, pygments_dark_style = "friendly", "github-dark"
+COLOURS = {"color-sidebar-link-text": "var(--color-foreground-primary)"}
+COLOURS["color-sidebar-link-text--top-level"] = COLOURS["color-sidebar-link-text"]
 html_theme_options = {
-    "description": tspslam.__doc__.splitlines()[0] if tspslam.__doc__ else "",
-    "fixed_sidebar": True,
-    "page_width": "1120px",
-    "sidebar_width": "230px",
-    "show_powered_by": False,
-    "font_family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif",
-    "head_font_family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif",
-    "code_font_family": "ui-monospace, Consolas, 'DejaVu Sans Mono', monospace",
-    "code_font_size": "0.86em",
+    "light_css_variables": COLOURS | {"color-brand-primary": "#a8480a", "color-brand-content": "#1f5fbf"},
+    "dark_css_variables": COLOURS | {"color-brand-primary": "#ff9a52", "color-brand-content": "#7db2ff"},
 }
-html_sidebars = {"**": ["about.html", "navigation.html", "searchbox.html"]}
 
 
 PACKAGE = sorted(Path(tspslam.__file__).parent.rglob("*.py"))

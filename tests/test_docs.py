@@ -4,7 +4,10 @@ import contextlib
 import importlib
 import importlib.util
 import io
+import itertools
+import json
 import re
+import shlex
 import subprocess
 import sys
 import textwrap
@@ -12,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from PIL import Image
 
 import tspslam
 from tspslam import cli
@@ -21,7 +25,8 @@ from tspslam.run.config import resolve
 from tspslam.run.pipeline import OnePair
 from tspslam.run.pipeline import run as run_pipeline
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.rst"))
 BLOCK = re.compile(r"^\.\. code-block:: python\n\n((?: {3,}.*\n|\n)+)", re.MULTILINE)
 
@@ -42,11 +47,81 @@ def test_code_on_a_page_runs(path):
             exec(compile(block, f"{path.name}, block {number}", "exec"), namespace)
 
 
+def test_no_code_on_a_page_is_left_out():
+    """Blocks that are set in, such as in a list, would be run by the build and not here."""
+    counts = {path.stem: (path.read_text(encoding="utf-8").count(":: python\n"), len(code_of(path))) for path in PAGES}
+    assert sum(found for found, _ in counts.values()) > 40
+    assert not {name: both for name, both in counts.items() if both[0] != both[1]}
+
+
+def readme():
+    return (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 def test_code_in_the_readme_runs():
-    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    text = readme()
     namespace = {"__name__": "__main__"}
     for number, block in enumerate(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)):
         exec(compile(block, f"README.md, block {number}", "exec"), namespace)
+
+
+def test_links_and_pictures_of_the_readme_are_there():
+    links = re.findall(r"\]\(([^)]+)\)", readme())
+    assert len(links) > 5
+    assert not [link for link in links if "://" not in link and not (ROOT / link.partition("#")[0]).exists()]
+    assert "make demo" in readme()
+    assert "make test" in readme()
+
+
+def test_the_first_picture_is_small():
+    path = DOCS / "images" / "street.png"
+    with Image.open(path) as picture:
+        assert picture.width <= 1600
+    assert path.stat().st_size < 400_000
+    assert "images/street.png" in page("index")
+    assert "docs/images/street.png" in readme()
+
+
+def command_lines():
+    """What stands after ``$ tspslam`` on the pages and, set in, in the README: where, words."""
+    for path in PAGES:
+        for line in re.findall(r"^ +\$ tspslam (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE):
+            yield f"{path.stem}: {line}", shlex.split(line, comments=True)
+    for line in re.findall(r"^    tspslam (.*)$", readme(), re.MULTILINE):
+        yield f"README: {line}", shlex.split(line, comments=True)
+
+
+def test_commands_on_the_pages_are_those_of_the_program():
+    settings = {row.name for row in tspslam.list_settings()}
+    lines = list(command_lines())
+    assert len(lines) > 40
+    wrong = []
+    for where, (first, *words) in lines:
+        command = typer.main.get_command(cli.app).commands.get(first)
+        if command is not None and hasattr(command, "commands"):
+            command = command.commands.get(words.pop(0))
+        if command is None:
+            wrong.append(where)
+            continue
+        known = {name for option in command.params for name in option.opts}
+        keys = [after.partition("=")[0] for word, after in itertools.pairwise(words) if word == "--set"]
+        is_known = all(word in known for word in words if word.startswith("--")) and settings.issuperset(keys)
+        wrong += [] if is_known else [where]
+    assert not wrong
+
+
+def warning_codes():
+    """Codes of warnings that the source can give."""
+    folder = Path(tspslam.__file__).parent / "run"
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py")))
+    return set(re.findall(r'"code": "(\w+)"', text)) | set(re.findall(r'^ +yield "(\w+)", ', text, re.MULTILINE))
+
+
+def test_every_warning_is_on_the_page_of_troubles():
+    """Each has a row of its own; a row is for a warning that there is."""
+    rows = set(re.findall(r"^   \* - ``(\w+)``$", page("troubleshooting"), re.MULTILINE))
+    assert {"few_points", "map", "mesh", "no_shared_edge", "tracking_lost"} <= warning_codes()
+    assert rows == warning_codes()
 
 
 def test_code_fits_the_column():
@@ -101,8 +176,6 @@ def test_every_file_of_a_run_is_on_the_outputs_page(folder):
 
 
 def test_every_key_of_run_json_is_on_the_outputs_page(folder):
-    import json
-
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     keys = {*record, *record["complex"], *record["calibration"], *record["per_frame"][0]}
     assert not unnamed(keys, page("outputs"))
@@ -122,7 +195,17 @@ def test_every_command_and_exit_code_is_on_the_outputs_page():
     assert {int(code) for code in re.findall(r"^   \* - (\d+)$", exits, re.MULTILINE)} == codes
 
 
-@pytest.mark.skipif(importlib.util.find_spec("sphinx") is None, reason="sphinx is not installed: pip install '.[docs]'")
+def found_by_search(html):
+    """Names of the package that the search field of the pages knows."""
+    text = (html / "searchindex.js").read_text(encoding="utf-8")
+    index = json.loads(text[text.index("{") : text.rindex("}") + 1])
+    return {entry[-1].rpartition(".")[2] for entries in index["objects"].values() for entry in entries}
+
+
+NO_SPHINX = any(importlib.util.find_spec(name) is None for name in ("sphinx", "furo"))
+
+
+@pytest.mark.skipif(NO_SPHINX, reason="sphinx or furo is not installed: pip install '.[docs]'")
 def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path):
     html = tmp_path / "html"
     done = subprocess.run(
@@ -135,6 +218,10 @@ def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path)
     loaded = re.compile(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=\"(?:https?:)?//")
     assert not any(loaded.search(text) for text in pages)
     assert any("<math" in text for text in pages)
+    styles = [path.read_text(encoding="utf-8") for path in html.rglob("*.css")]
+    assert len(styles) > 2
+    assert not any(re.search(r"(?:url\(|@import )[\"']?(?:https?:)?//", text) for text in styles)
+    assert "tmahf" in found_by_search(html)
 
 
 def test_names_of_the_api_page_are_there_after_a_plain_import():
