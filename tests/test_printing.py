@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import unicodedata
@@ -47,10 +48,10 @@ def test_every_command_prints_names_escaped(capsys, pair_files):
     for name in ("left.png", "right.png", "calib.yaml"):
         (pair_files / name).rename(folder / name)
     code, printed, remarks = run_pair(capsys, folder)
-    assert (code, is_text(printed + remarks), printed.count("\n")) == (0, True, 4)
+    assert (code, is_text(printed + remarks), printed.count("\n")) == (0, True, 14)
     write_tum(folder / "t.tum", np.arange(20) / 10, standard.poses(20))
     for words, count in (
-        (["filter", out / "map.ply", "--image", folder / "left.png", "--calib", folder / "calib.yaml", "--out", folder / "f"], 4),
+        (["filter", out / "map.ply", "--image", folder / "left.png", "--calib", folder / "calib.yaml", "--out", folder / "f"], 10),
         (["export", out, "--output", folder / "a.vtu"], 1),
         (["calib", "convert", folder / "calib.yaml", folder / "b.yaml"], 1),
         (["calib", "show", folder / "calib.yaml"], 10),
@@ -95,19 +96,45 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_names_in_the_bar_are_no_markup(monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "200")
+def test_a_line_is_renewed_below_what_is_noted_and_holds_nothing_that_a_terminal_would_obey(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with printing.progress(3) as show:
-        show(1, 3, f"[red]x[/red] [/oops] {EVIL}")
-        shown = sys.stderr
-        printing.note(EVIL)
-    written = shown.getvalue() if isinstance(shown, Terminal) else sys.stderr.getvalue()
-    assert "[red]x[/red] [/oops]" in written
-    assert "\x1b]0;owned" not in written
-    assert "\x1b[2J" not in written
-    assert "\u202e" not in written
+    printing.renew(f"half {EVIL}")
+    printing.note("a remark")
+    printing.renew("all")
+    printing.leave("")
+    written = sys.stderr.getvalue()
+    assert set(written) - {"\r", "\n"} == {each for each in written if each.isprintable()}
+    assert shown_on_a_terminal(written)[:3] == ["a remark", "all", ""]
+
+
+def test_a_line_is_cut_before_the_last_column(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setattr(printing, "columns", lambda: 20)
+    printing.renew("x" * 100)
+    printing.renew("short")
+    printing.leave("done")
+    assert max(map(len, re.split("[\r\n]", sys.stderr.getvalue()))) == 19
+    assert shown_on_a_terminal(sys.stderr.getvalue()) == ["done", ""]
+
+
+def shown_on_a_terminal(written):
+    """Lines as they stand after all has been written, without spaces at their ends."""
+    lines = []
+    for line in written.replace("\r\n", "\n").split("\n"):
+        shown = ""
+        for part in line.split("\r"):
+            shown = part + shown[len(part) :]
+        lines.append(shown.rstrip())
+    return lines
+
+
+def test_remarks_for_programs_are_objects(capsys):
+    with printing.remarks_as_json():
+        printing.note(EVIL, "warning: a: b", "note: c")
+    printing.note("plain")
+    lines = capsys.readouterr().err.splitlines()
+    assert [json.loads(line) for line in lines[:3]] == [{"note": EVIL}, {"warning": "a: b"}, {"note": "c"}]
+    assert lines[3:] == ["plain"]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import os
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import TracebackType
 from typing import TextIO
 
 from .errors import OutputError
+
+_LOCK = threading.RLock()  # of what follows, and of stderr: whoever says how far one is does so from its own thread
+_line = ""  # what stands on the terminal's last line, and will be replaced
+_is_json = False  # whether remarks are JSON
 
 
 def escaped(text: str) -> str:
@@ -66,16 +72,122 @@ def say(*lines: str) -> None:
 
 
 def note(*lines: str) -> None:
-    """Print lines on stderr, if anybody listens.
+    """Print lines on stderr, if anybody listens; above the line that is renewed, if there is one.
 
     Parameters
     ----------
     lines : str
         Each is a line.
     """
+    if sys.stderr is None:
+        return
+    with _LOCK, contextlib.suppress(OSError):
+        shown = _line
+        renew("")
+        _write(sys.stderr, tuple(map(_remark, lines)) if _is_json else lines)
+        renew(shown)
+
+
+def _remark(line: str) -> str:
+    """A line as JSON: what it calls itself is the key."""
+    kind, _, said = line.partition(": ")
+    return json.dumps({kind: said} if kind in ("note", "warning") else {"note": line})
+
+
+def note_json(values: dict[str, object]) -> None:
+    """Print an object as one line of JSON on stderr, if anybody listens.
+
+    Parameters
+    ----------
+    values : dict
+        Plain values; numbers are finite.
+    """
     if sys.stderr is not None:
-        with contextlib.suppress(OSError):
-            _write(sys.stderr, lines)
+        with _LOCK, contextlib.suppress(OSError):
+            _write(sys.stderr, (json.dumps(values, allow_nan=False),))
+
+
+@contextlib.contextmanager
+def remarks_as_json() -> Iterator[None]:
+    """Let each line of `note` be a JSON object, ``{"note": ...}`` or ``{"warning": ...}``, for programs.
+
+    Yields
+    ------
+    None
+    """
+    global _is_json
+    before, _is_json = _is_json, True
+    try:
+        yield
+    finally:
+        _is_json = before
+
+
+def is_renewable() -> bool:
+    """Tell whether stderr is a terminal on which a line can be written over.
+
+    Returns
+    -------
+    bool
+    """
+    return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def columns() -> int:
+    """Tell how many characters of a line fit on stderr.
+
+    Returns
+    -------
+    int
+        80 where it is no terminal, or does not say.
+    """
+    try:
+        found = os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError, AttributeError):
+        found = 0
+    return found or 80
+
+
+def renew(text: str) -> None:
+    """Put text in the place of the last line of a terminal, without an end of line; no text takes the line away.
+
+    It takes a carriage return and spaces, which every terminal obeys, and leaves nothing to be put back if the process
+    is killed.
+
+    Parameters
+    ----------
+    text : str
+        Of one line; what is beyond the terminal's last column but one is cut.
+    """
+    global _line
+    if not (text or _line):
+        return
+    with _LOCK, contextlib.suppress(OSError):
+        room = columns() - 1  # in the last column some terminals begin the next line
+        text = escaped(text)[:room]
+        sys.stderr.write(f"\r{text}{' ' * (min(len(_line), room) - len(text))}")
+        if not text:
+            sys.stderr.write("\r")
+        sys.stderr.flush()
+        _line = text
+
+
+def leave(text: str) -> None:
+    """Let text, or with none what stands there, be the last on the line that was renewed, and begin the next one.
+
+    Parameters
+    ----------
+    text : str
+        As `renew` takes it.
+    """
+    global _line
+    with _LOCK, contextlib.suppress(OSError):
+        if text:
+            renew(text)
+        if _line:
+            _line = ""
+            sys.stderr.write("\n")
+            sys.stderr.flush()
 
 
 def _write(stream: TextIO, lines: tuple[str, ...]) -> None:
@@ -121,30 +233,3 @@ class _Remarks(logging.Handler):
 
 def _note_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     note(*"".join(traceback.format_exception(kind, error, trace)).splitlines())
-
-
-@contextlib.contextmanager
-def progress(total: int) -> Iterator[Callable[[int, int, str], None]]:
-    """Show how far one is: a bar on stderr if it is a terminal, else a line every tenth of the frames.
-
-    Parameters
-    ----------
-    total : int
-        Number of frames.
-
-    Yields
-    ------
-    callable, (done, total, name)
-        To call after each frame.
-    """
-    if sys.stderr is None or not sys.stderr.isatty():
-        every = max(1, total // 10)
-        yield (lambda done, of, name: note(f"{done}/{of} {name}") if of > 1 and done % every == 0 else None)
-        return
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("frames", total=total)
-        yield lambda done, of, name: bar.update(task, completed=done, description=escape(escaped(name)))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -61,17 +62,55 @@ def announce_compilation() -> None:
 
 def finish(result: RunResult, as_json: bool) -> None:
     """Say what a run folder holds, and end with the code of a degraded run if it is one."""
-    run, folder = result.run, result.folder
-    for warning in run["warnings"]:
+    for warning in result.run["warnings"]:
         note(f"warning: {warning['message']}")
     if as_json:
-        say(json.dumps(run | {"folder": str(folder)}, sort_keys=True))
+        say(json.dumps(result.run | {"folder": str(result.folder)}, sort_keys=True))
     else:
-        sizes = run["complex"]
-        say(f"{run['status']}: {run['frames']} frame(s), {run.get('keyframes', 1)} keyframe(s); {sizes['n']} points, "
-             f"{sizes['edges']} edges, {sizes['faces']} faces, {run['defined']} responses")  # fmt: skip
-        say(
-            f"pictures: {folder / 'pictures'}", f"report:   {folder / 'report.html'}", f"map:      {folder / 'map.vtu'}"
-        )
+        say(*tabulate_run(result.run, result.times), "", *_where_to_look(result.folder, result.run))
     if result.is_degraded:
         raise typer.Exit(DEGRADED)
+
+
+def tabulate_run(run: dict[str, Any], times: dict[str, Any]) -> list[str]:
+    """Lines, none wider than 80 columns, for what a run found and how long it took."""
+    sizes = run["complex"]
+    rows = {
+        "complex": f"{sizes['n']} vertices, {sizes['edges']} edges, {sizes['faces']} faces",
+        "response": f"at {run['defined']} vertices",
+    }
+    if "per_frame" in run:  # a run of pairs, not of a mesh
+        lost = sum(row["is_lost"] for row in run["per_frame"])
+        skipped = run["frames"] - len(run["per_frame"])
+        rows = {
+            "frames": f"{run['tracked']} tracked, {lost} lost, {skipped} skipped",
+            "keyframes": f"{run['keyframes']}, loops closed: {run['loops']}",
+            "landmarks": str(run["landmarks"]),
+        } | rows
+    if times:
+        rows["time"] = _say_times(times, run["frames"])
+    count = f"{run['frames']} frame{'s' if run['frames'] > 1 else ''} of " if times else ""
+    return [f"{run['status']}: {count}{run['source']}", *(f"  {name:<9}  {said}" for name, said in rows.items())]
+
+
+def _say_times(times: dict[str, Any], frames: int) -> str:
+    """Words for how long a run took; frames that an earlier one has left count for nothing."""
+    anew, rate = times["frames_anew"], times["frames_per_s"]
+    said = f"{times['total_s']:.1f} s"
+    if anew < frames:
+        said += f", {anew or 'none'} of the frames anew"
+    return f"{said}, {rate:.3g} frames/s" if rate else said
+
+
+def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:
+    """Lines with the files that a run has left, and the commands that go on from it."""
+    name = shlex.quote(str(folder))
+    return [
+        f"pictures: {folder / 'pictures'}",
+        f"report:   {folder / 'report.html'}",
+        f"map:      {folder / 'map.vtu'}",
+        "",
+        f"look:     tspslam view {name}",
+        *([f"measure:  tspslam eval {name} --truth POSES"] if run["frames"] > 2 else []),  # it takes three poses
+        f"hand on:  tspslam export {name} --to ply",
+    ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
-from ..printing import progress as progress_bar
+from ._progress import progress
 from ._shared import (
     BitsOption,
     ConfigOption,
@@ -74,10 +74,10 @@ def run_command(
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
-    announce_compilation()
     set_threads(threads)
-    with progress_bar(len(wanted)) as progress:
-        result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, progress=progress)
+    with progress(as_json) as on_step:
+        announce_compilation()
+        result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, on_step=on_step)
     finish(result, as_json)
 
 
@@ -95,13 +95,17 @@ def filter_command(
 ) -> None:
     """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
     from ..run.mesh import filter_mesh
+    from ..run.pipeline import Step
     from ..topology.harmonic import Tmahf
 
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
     target = out or Path("runs") / f"{mesh.stem}-filter{'-merged' if merge else ''}"
     check_folder(target, mesh, image, calib)
-    announce_compilation()
-    finish(filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits), as_json)
+    with progress(as_json) as on_step:
+        announce_compilation()
+        on_step(Step("filter"))
+        result = filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits)
+    finish(result, as_json)
 
 
 def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,11 @@ from .map import join_keyframes, stored_keyframes
 from .record import hash_of, machine
 from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
+from .sequence import Step as Step
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
 
 Progress = Callable[[int, int, str], None]
+OnStep = Callable[[Step], object]
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,11 @@ class OnePair:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left: its folder, and the content of its ``run.json``."""
+    """What a run left: its folder, and the content of its ``run.json`` and, of a sequence, its ``timings.json``."""
 
     folder: Path
     run: dict[str, Any]
+    times: dict[str, Any] = field(default_factory=dict)
 
     @property
     def is_degraded(self) -> bool:
@@ -69,6 +72,7 @@ class RunResult:
 def run(
     source: Source, out: PathLike, resolved: Resolved | Settings, *,
     frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
+    on_step: OnStep | None = None,
 ) -> RunResult:  # fmt: skip
     """Track the camera through the pairs of `source` and fill the run folder `out`.
 
@@ -92,6 +96,8 @@ def run(
         Called with each `Frame`, in order, in this thread, as soon as its pose is known; asking for a part of it waits
         until that is computed. Not of pairs that are skipped, nor of frames that an earlier run has finished. What it
         raises ends the run; the same command goes on from the last checkpoint.
+    on_step : callable, optional
+        Called with a `Step` after each pair, and where a stage begins: what is done now, how far, and how it goes.
 
     Returns
     -------
@@ -105,7 +111,7 @@ def run(
     OutputError
         If something cannot be written.
     """
-    for called, name in ((on_frame, "on_frame"), (progress, "progress")):
+    for called, name in ((on_frame, "on_frame"), (progress, "progress"), (on_step, "on_step")):
         if called is not None:
             require_stage(called, name, "print")
     _require_source(source)
@@ -116,19 +122,21 @@ def run(
     settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
     with RunFolder.create(out, settings) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings, keep=False), folder)
+        at = _Stages(sequence, on_step)
         try:
-            record = _process_all(sequence, progress, on_frame)
+            record = _process_all(sequence, progress, on_frame, at)
         finally:
             sequence.session.close()
         total = time.perf_counter() - started
-        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
+        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total} | at.end()
         folder.write_timings(times | {"machine": machine()})
-    return RunResult(Path(out), record)
+    return RunResult(Path(out), record, times)
 
 
 def run_path(
     path: PathLike, out: PathLike, settings: Resolved | Settings | None = None, *,
     frames: range | None = None, progress: Progress | None = None, on_frame: OnFrame | None = None,
+    on_step: OnStep | None = None,
 ) -> RunResult:  # fmt: skip
     """Open the sequence at a path and run it: one call of plain arguments, which a worker process can make.
 
@@ -140,7 +148,7 @@ def run_path(
         The run folder, as in `run`.
     settings : Resolved or Settings, optional
         Stages of the kinds that settings have names for; the defaults serve.
-    frames, progress, on_frame
+    frames, progress, on_frame, on_step
         As `run`; the functions are called in the process that runs.
 
     Returns
@@ -155,7 +163,33 @@ def run_path(
         If something cannot be written.
     """
     resolved = as_resolved(Settings() if settings is None else settings)
-    return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
+    return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame, on_step=on_step)
+
+
+class _Stages:
+    """Which stage a run is in: told where one begins, and timed."""
+
+    def __init__(self, sequence: SequenceRun, on_step: OnStep | None) -> None:
+        self._sequence, self._on_step, self._stage, self._watch = sequence, on_step, "", Stopwatch()
+        self._tracked: list[float] = []  # when tracking began, and when each pair was done, s
+
+    def __call__(self, stage: str) -> None:
+        """Say that a stage begins, or goes on."""
+        if stage != self._stage:
+            self._watch.lap(self._stage)
+            self._stage = stage
+        if stage == "tracking":
+            self._tracked.append(time.perf_counter())
+        if self._on_step:
+            self._on_step(self._sequence.step(stage))
+
+    def end(self) -> dict[str, Any]:
+        """Seconds of each stage, pairs done anew, and their pace after the first one, which may wait for kernels."""
+        self._watch.lap(self._stage)
+        seconds = {stage: spent for stage, spent in self._watch.seconds.items() if stage}
+        anew = len(self._tracked) - 1
+        spent = self._tracked[-1] - self._tracked[1] if anew > 1 else 0
+        return {"stages_s": seconds, "frames_anew": anew, "frames_per_s": (anew - 1) / spent if spent else None}
 
 
 def _require_source(source: object) -> None:
@@ -181,37 +215,43 @@ def _wanted(source: Source, frames: range | None) -> range:
     return wanted
 
 
-def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None) -> dict[str, Any]:
+def _process_all(
+    sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None, at: _Stages
+) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
     total = len(sequence.wanted)
+    at("tracking")
     for done, index in sequence.proceed(on_frame):
+        at("tracking")
         if progress:
             progress(done, total, f"frame {index}")
     if not sequence.stored:
         if sequence.last_error and total == 1:
             raise sequence.last_error
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
+    at("adjustment")
     sequence.session.finish()
     record = summarize_run(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    return _write_all(sequence, record)
+    return _write_all(sequence, record, at)
 
 
-def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, Any]:
+def _write_all(sequence: SequenceRun, record: dict[str, Any], at: _Stages) -> dict[str, Any]:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder = sequence.folder
     frames = [f"frames/{folder.frame_path(row.index).name}" for row in sequence.stored]
     key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
-    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key)
+    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key, at)
     results = [name for name, unit in folder.units.items() if unit.input == key]
     folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
     return record
 
 
-def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> dict[str, Any]:
+def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str, at: _Stages) -> dict[str, Any]:
     """All that is made once the path is final; returns the record with what is said of the map."""
+    at("map")
     folder, trajectory, watch = sequence.folder, sequence.trajectory, Stopwatch()
     paths = [note_landmarks(sequence)]
     folder.record(paths[0], input_hash=key)
@@ -224,7 +264,7 @@ def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> d
     record = describe_map(record, made, warnings)
     paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
     shown = read_frame(folder.frame_path(sequence.stored[0].index))
-    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera)
+    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, at=at)
     return record
 
 
@@ -245,6 +285,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
 def write_results(
     folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
     *, made: TopologicalMap | None = None, poses: FloatArray | None = None,
+    at: Callable[[str], object] = lambda _: None,
 ) -> None:  # fmt: skip
     """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`.
 
@@ -264,18 +305,22 @@ def write_results(
         The map; where there is none, or it is of one keyframe, `frame` is shown as the map.
     poses : (T, 4, 4) float64, optional
         The path; of several, there is a picture too.
+    at : callable, optional
+        Called with the name of each stage, "pictures" and "report", where it begins.
     """
     from ..view import pictures, report, write_plan_picture
     from ..view.map_pictures import write_map_pictures
 
     whole = None if made is None or len(made.keyframes) < 2 else made
     write_maps(folder.map_vtu_path, folder.map_ply_path, frame if whole is None else whole)
+    at("pictures")
     drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
         write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
     drawn += [] if whole is None else write_map_pictures(whole, folder.path / "pictures")
     run_path = folder.write_run(record)
+    at("report")
     report.write_report(frame, record, drawn, folder.report_path, map_=whole)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)

@@ -7,7 +7,7 @@ import json
 import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -66,6 +66,28 @@ class Source(Protocol):
         """Read one pair."""
 
 
+@dataclass(frozen=True)
+class Step:
+    """How far a run is.
+
+    Attributes
+    ----------
+    stage : str
+        What is being done: "tracking", "adjustment", "map", "pictures" or "report".
+    done, total : int
+        Pairs, while tracking; of the other stages, 0 of 1.
+    keyframes, lost, loops : int
+        So far: keyframes, frames where tracking was lost, loops that were closed.
+    """
+
+    stage: str
+    done: int = 0
+    total: int = 1
+    keyframes: int = 0
+    lost: int = 0
+    loops: int = 0
+
+
 class SequenceRun:
     """The frames of a run.
 
@@ -88,6 +110,8 @@ class SequenceRun:
         Time of each stage, s, by the name of the frame; varies from run to run.
     map_seconds : float
         Time of making the map at the end, s; 0 where it was there.
+    keyframes, lost : int
+        How many of the rows are keyframes, and how many of frames where tracking was lost.
     """
 
     def __init__(self, source: Source, wanted: range, session: Session, folder: RunFolder) -> None:
@@ -99,6 +123,8 @@ class SequenceRun:
         self._writing: list[tuple[int, Future[FrameRecord]]] = []  # place in `rows`, its record once it is written
         self._resume()
         self._saved = len(self.rows)
+        self.keyframes = sum(row.is_keyframe for row in self.tracked)
+        self.lost = sum(row.is_lost for row in self.tracked)
 
     @property
     def tracked(self) -> list[FrameRecord]:
@@ -109,6 +135,23 @@ class SequenceRun:
     def stored(self) -> list[FrameRecord]:
         """Rows of the frames that have a file: keyframes, lost ones, or all."""
         return [row for row in self.tracked if row.complex_ is not None]
+
+    def step(self, stage: str) -> Step:
+        """How far the run is, in a stage of it.
+
+        Parameters
+        ----------
+        stage : str
+            Its name.
+
+        Returns
+        -------
+        Step
+        """
+        odometry = self.session.odometry
+        loops = odometry.loops if isinstance(odometry, StereoOdometry) else 0
+        done, total = (len(self.rows), len(self.wanted)) if stage == "tracking" else (0, 1)
+        return Step(stage, done, total, self.keyframes, self.lost, loops)
 
     @property
     def last_error(self) -> InputError | None:
@@ -178,6 +221,7 @@ class SequenceRun:
             return None
         row, place = record_frame(frame, pair, key), len(self.rows)
         self.rows.append(row)
+        self.keyframes, self.lost = self.keyframes + row.is_keyframe, self.lost + row.is_lost
         self.seconds[frame.name] = frame.seconds
         if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.is_lost:
             self._wait_for_writing(_BACKLOG)
