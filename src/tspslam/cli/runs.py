@@ -15,9 +15,12 @@ from ._shared import ForceOption, JsonOption, SetOption, app, check_suffix
 @app.command("export")
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
-    to: Annotated[str, typer.Option("--to", help="vtu, ply or npz.")] = "vtu",
+    to: Annotated[str, typer.Option("--to", help="vtu, ply, npz, glb, pvd, las, laz or tensors.")] = "vtu",
     frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map].")] = None,
-    output: Annotated[Path | None, typer.Option(help="File [default: RUN-map or -FRAME.FORMAT here].")] = None,
+    layer: Annotated[str | None, typer.Option(help="What gives the colours of glb, las and laz.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="File or folder [default: RUN-map or -FRAME.FORMAT, or RUN-FORMAT, here].")
+    ] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -26,8 +29,17 @@ def export_command(
 
     if to not in FORMATS:
         raise typer.BadParameter(f"{to!r}, expected one of {', '.join(FORMATS)}", param_hint="--to")
-    check_suffix(output or Path(f"map.{to}"), [to], "--output")
-    target = export(run, to, output, frame=frame, is_forced=force)
+    chosen = FORMATS[to]
+    if frame is not None and not chosen.has_frames:
+        raise typer.BadParameter(f"{to} is of the whole run, expected no frame", param_hint="--frame")
+    if layer is not None and not chosen.has_layers:
+        named = [each.name for each in FORMATS.values() if each.has_layers]
+        raise typer.BadParameter(
+            f"{to} has all layers or none, expected it for {', '.join(named)}", param_hint="--layer"
+        )
+    if chosen.suffix:
+        check_suffix(output or Path(f"map{chosen.suffix}"), [chosen.suffix[1:]], "--output")
+    target = export(run, to, output, frame=frame, layer=layer, is_forced=force)
     say(json.dumps({"written": str(target)}) if as_json else f"wrote {target}")
 
 
@@ -40,9 +52,9 @@ def map_command(
     as_json: JsonOption = False,
 ) -> None:
     """Make the map of a finished run anew, with other settings of it, such as --set mapping.surface.longest=0.3."""
-    from ..run.export import FORMATS, export_map_anew
+    from ..run.export import OURS, export_map_anew
 
-    check_suffix(output or Path("map.npz"), list(FORMATS), "--output")
+    check_suffix(output or Path("map.npz"), list(OURS), "--output")
     made = export_map_anew(run, output, assignments or (), is_forced=force)
     said = ", ".join(f"{count} {name}" for name, count in made.items() if name != "written")
     say(json.dumps(made) if as_json else f"wrote {made['written']}: {said}")

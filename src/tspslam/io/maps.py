@@ -52,8 +52,9 @@ def write_maps(vtu: Path, ply: Path, shown: Frame | TopologicalMap) -> None:
 
 
 def write_map_vtu(
-    path: Path, shown: Frame | TopologicalMap | TexturedMesh, *, face: Mapping[str, ArrayLike] | None = None
-) -> None:
+    path: Path, shown: Frame | TopologicalMap | TexturedMesh, *, face: Mapping[str, ArrayLike] | None = None,
+    T_world_camera: FloatArray | None = None,
+) -> None:  # fmt: skip
     """Write a frame or a map as VTU: lines and triangles, told apart by the integer cell array ``dim``.
 
     Parameters
@@ -66,16 +67,18 @@ def write_map_vtu(
         ``landmark_id``, ``direction`` and ``direction_spread``, and its triangles are wound as the surface's.
     face : dict of (F,) arrays, optional
         More columns of the triangles.
+    T_world_camera : (4, 4) float64, optional
+        Pose that moves the points of a frame into the world; its depths stay those in the camera's frame.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
-    layers = _layers(shown)
-    write_vtu(
-        path, layers.complex_, layers.xyz, vertex=layers.vertex, edge=layers.edge, face={**layers.face, **(face or {})}
-    )
+    layers, T = _layers(shown), T_world_camera
+    xyz = layers.xyz if T is None else layers.xyz @ T[:3, :3].T + T[:3, 3]
+    own = {**layers.face, **(face or {})}
+    write_vtu(path, layers.complex_, xyz, vertex=layers.vertex, edge=layers.edge, face=own)
 
 
 def write_map_ply(

@@ -2,23 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
 from ..io import RunFolder
+from ..io._new_folder import fill_folder
+from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series
 from .config import resolve
-from .given import shown_of_run, write_shown
-from .guard import MAPS, check_place
+from .given import file_kind, shown_of_run, write_shown
+from .guard import EXPORTS, MAPS, Kind, check_new_folder, check_place
 from .map import join_keyframes, stored_keyframes
 
-FORMATS = ("vtu", "ply", "npz")
+OURS = ("vtu", "ply", "npz")
+"""Formats that `write_shown` knows, and `export_map_anew` writes."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format of ``tspslam export``.
+
+    Attributes
+    ----------
+    name : str
+        What ``--to`` takes.
+    write : callable, (Exported, Path) -> None
+        Writes a file, or fills a folder that is there and empty.
+    suffix : str
+        Of the file, with its dot; none of a folder.
+    kind : Kind or None
+        How such a file begins, so that no other is overwritten; None of a folder.
+    has_frames : bool
+        Whether one keyframe can be written.
+    has_layers : bool
+        Whether a layer can be chosen for the colours.
+    """
+
+    name: str
+    write: Callable[[Exported, Path], None]
+    suffix: str = ""
+    kind: Kind | None = None
+    has_frames: bool = False
+    has_layers: bool = False
+
+
+def _write_ours(kind: str, given: Exported, target: Path) -> None:
+    write_shown(given.shown, target, kind, [given.path], is_forced=True)
+
+
+FORMATS = {
+    each.name: each
+    for each in (
+        *(Format(kind, partial(_write_ours, kind), f".{kind}", MAPS[kind], has_frames=True) for kind in OURS),
+        Format("glb", write_scene, ".glb", EXPORTS["glb"], has_frames=True, has_layers=True),
+        Format("pvd", write_series),
+        Format("las", write_cloud, ".las", EXPORTS["las"], has_frames=True, has_layers=True),
+        Format("laz", write_cloud, ".laz", EXPORTS["laz"], has_frames=True, has_layers=True),
+        Format("tensors", write_numbers, ".npz", EXPORTS["tensors"], has_frames=True),
+    )
+}
+"""Formats by name: one row each."""
 
 
 def export(
-    run: Path, to: str, output: Path | None = None, *, frame: int | None = None, is_forced: bool = False
-) -> Path:
+    run: Path, to: str, output: Path | None = None, *, frame: int | None = None, layer: str | None = None,
+    is_forced: bool = False,
+) -> Path:  # fmt: skip
     """Write the map of a run, or one of its frames, in another format.
 
     Parameters
@@ -28,26 +80,46 @@ def export(
     to : str
         One of `FORMATS`.
     output : path, optional
-        The file; RUN-FRAME.FORMAT or RUN-map.FORMAT here by default.
+        The file or the folder; by default here: RUN-map or RUN-FRAME with the format's suffix, RUN-FORMAT of a folder.
     frame : int, optional
         Index of a keyframe; by default the map, of a run of one frame that frame.
+    layer : str, optional
+        Name of the layer that gives the colours, where the format has some.
     is_forced : bool
-        Whether a file of another kind may be overwritten.
+        Whether a file of another kind may be overwritten, or a folder of an earlier export be replaced.
 
     Returns
     -------
     Path
-        The file.
+        The file or the folder.
 
     Raises
     ------
     InputError
-        If the run has no such frame, or of several frames no map; if the file lies in the run, or is of another kind.
+        If the run has no such frame or layer, or of several frames no map; if the file lies in the run, is of another
+        kind, or a package that the format needs is not installed.
     OutputError
         If it cannot be written.
     """
+    chosen = FORMATS[to]
     name, shown = shown_of_run(run, frame)
-    return write_shown(shown, output or Path(f"{run.resolve().name}-{name}.{to}"), to, [run], is_forced=is_forced)
+    target = output or Path(_default_name(chosen, run.resolve().name, name))
+    given = Exported(run, shown, layer)
+    if chosen.kind is None:
+        check_new_folder(target, to, [run], is_forced=is_forced)
+        with fill_folder(target, to, is_forced=is_forced) as folder:
+            chosen.write(given, folder)
+        return target
+    check_place(target, file_kind(shown, target, to) if to in OURS else chosen.kind, [run], is_forced=is_forced)
+    chosen.write(given, target)
+    return target
+
+
+def _default_name(chosen: Format, run: str, part: str) -> str:
+    if chosen.kind is None:
+        return f"{run}-{chosen.name}"
+    word = "" if chosen.suffix[1:] == chosen.name else f"-{chosen.name}"
+    return f"{run}-{part}{word}{chosen.suffix}"
 
 
 def export_map_anew(
@@ -60,7 +132,7 @@ def export_map_anew(
     run : path
         The run folder.
     output : path, optional
-        The file, of one of `FORMATS` by its suffix; RUN-map.npz here by default.
+        The file, of one of `OURS` by its suffix; RUN-map.npz here by default.
     assignments : iterable of str
         Settings that differ from the run's, such as ``"mapping.surface.longest=0.3"``.
     is_forced : bool

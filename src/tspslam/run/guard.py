@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
+from ..io._new_folder import check_free
 from ..io._places import is_of_a_run
 from ..io._settling import is_run_folder
 
@@ -53,8 +54,12 @@ PICTURES = {
     "pdf": Kind("PDF", (".pdf",), rb"%PDF-"),
     "svg": Kind("SVG", (".svg",), _XML + rb"(<!DOCTYPE svg[^>]*>\s*)?<svg\b"),
 }
-
-
+EXPORTS = {
+    "glb": Kind("binary glTF", (".glb",), rb"glTF\x02\0\0\0"),
+    "las": Kind("LAS", (".las",), rb"LASF"),
+    "laz": Kind("LAZ", (".laz",), rb"LASF"),
+    "tensors": Kind("file of tensors of ours", (".npz",), rb"PK\x03\x04.{26}magic\.npy.{,200}tspslam tensors"),
+}
 PAGE = Kind("HTML", (".html",), rb"<!DOCTYPE html>")
 
 
@@ -120,6 +125,32 @@ def check_place(output: Path, kind: Kind, inputs: Iterable[Path], *, is_forced: 
         if path.is_dir() and is_inside(output, path):
             raise InputError(f"{output}: lies in the run folder {path}; expected a place outside")
     check_output(output, kind, given, is_forced=is_forced)
+
+
+def check_new_folder(output: Path, kind: str, inputs: Iterable[Path], *, is_forced: bool = False) -> None:
+    """Raise unless a folder may be written: it is outside the input, holds none, and is new, empty, or one to replace.
+
+    Parameters
+    ----------
+    output : path
+        The folder to write.
+    kind : str
+        What it will be, one word.
+    inputs : iterable of path
+        What was read.
+    is_forced : bool
+        Whether an earlier export of that kind may be replaced; a folder with anything else in it never is.
+
+    Raises
+    ------
+    InputError
+    """
+    given = list(inputs)
+    check_place(output, Kind(kind, (), b""), given, is_forced=True)
+    for path in given:
+        if is_inside(path, output):
+            raise InputError(f"{output}: holds the input {path}; expected a new folder")
+    check_free(output, kind, is_forced=is_forced)
 
 
 def check_folder(out: Path, inputs: Iterable[Path]) -> None:

@@ -1,0 +1,118 @@
+"""Folders that are either complete or not there, with a list of the files that are ours."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, write_bytes
+from .._files import bad_input, read_bytes, reason_of
+from ..errors import InputError, OutputError
+
+MARK = "tspslam-export.json"
+_LARGEST_MARK = 1 << 24  # bytes
+
+
+def check_free(path: Path, kind: str, *, is_forced: bool = False) -> None:
+    """Raise `InputError` unless a folder is not there, or empty, or, if forced, an earlier export and nothing else."""
+    expected = "a free name, an empty folder, or with --force an earlier export"
+    if os.path.islink(path) or (path.exists() and not path.is_dir()):
+        raise bad_input(path, "is there and is no folder", expected)
+    try:
+        found = sorted(each.relative_to(path).as_posix() for each in path.rglob("*") if not _is_folder(each))
+    except OSError as error:
+        raise bad_input(path, f"cannot be looked into ({reason_of(error)})", expected) from error
+    if not found:
+        return
+    ours = _files_of_ours(path / MARK, kind)
+    if ours is None:
+        raise bad_input(path, f"is there and is no export as {kind}", expected)
+    strange = [name for name in found if name not in ours]
+    if strange:
+        raise bad_input(path, f"holds {strange[0]}, which no export wrote", expected)
+    if not is_forced:
+        raise bad_input(path, "is there", f"a free name, or --force to write the {kind} anew")
+
+
+@contextlib.contextmanager
+def fill_folder(path: Path, kind: str, *, is_forced: bool = False) -> Iterator[Path]:
+    """Make a temporary folder beside `path` that takes its place when the block ends without an error.
+
+    What `check_free` refuses is refused. The files in it are synced, and listed in one more. On any failure, an
+    interruption included, the temporary folder is removed and `path` is as it was.
+
+    Parameters
+    ----------
+    path : path
+        The folder; that in which it lies must exist.
+    kind : str
+        What is written into it.
+    is_forced : bool
+        Whether an earlier export of that kind may be replaced.
+
+    Yields
+    ------
+    Path
+        An empty folder.
+
+    Raises
+    ------
+    InputError
+        As `check_free`.
+    OutputError
+        If the system refuses.
+    """
+    check_free(path, kind, is_forced=is_forced)
+    target = Path(os.path.realpath(path))
+    temporary, aside = (target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}") for _ in "ab")
+    try:
+        temporary.mkdir()
+        yield temporary
+        _seal(temporary, kind)
+        if target.exists():
+            os.rename(target, aside)
+        try:
+            os.rename(temporary, target)
+        except OSError:
+            if aside.exists():
+                os.rename(aside, target)
+            raise
+    except OutputError as error:  # of a file in it
+        raise OutputError(str(error).replace(str(temporary), str(path))) from error
+    except OSError as error:
+        raise bad_output(path, error) from error
+    finally:
+        for each in (temporary, aside):
+            shutil.rmtree(each, ignore_errors=True)
+
+
+def _seal(folder: Path, kind: str) -> None:
+    """Sync all files, and write the list of them."""
+    files = sorted(each for each in folder.rglob("*") if each.is_file())
+    for each in files:
+        with each.open("rb") as handle:
+            os.fsync(handle.fileno())
+    names = [each.relative_to(folder).as_posix() for each in files]
+    written = json.dumps({"export": kind, "files": [*names, MARK], "of": "tspslam"}, indent=1, ensure_ascii=False)
+    write_bytes(folder / MARK, f"{written}\n".encode())
+
+
+def _files_of_ours(mark: Path, kind: str) -> set[str] | None:
+    """Names of the files of an earlier export; None where there is no list of ours of that kind."""
+    try:
+        found = json.loads(read_bytes(mark, "a list of files", _LARGEST_MARK))
+    except (InputError, ValueError, RecursionError):
+        return None
+    if not isinstance(found, dict) or (found.get("of"), found.get("export")) != ("tspslam", kind):
+        return None
+    files = found.get("files")
+    return {str(each) for each in files} if isinstance(files, list) else None
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
