@@ -32,7 +32,9 @@ def complain(capsys, *words):
     """Exit code and the one line on stderr of a command that must fail."""
     code, out, err = type_in(capsys, *words)
     assert out == ""
-    lines = [line for line in err.splitlines() if not line.startswith("compiling")]
+    lines = [
+        line for line in err.splitlines() if not line.startswith(("compiling", "{"))
+    ]  # with --json, { begins progress
     assert len(lines) == 1, err
     return code, lines[0]
 
@@ -678,7 +680,8 @@ def filtered(capsys, folder, name, points, faces, *more):
         folder / f"out{len(more)}-{name}",
     ]
     code, out, err = type_in(capsys, "filter", folder / f"{name}.ply", *words, "--json", *more)
-    said = [line for line in err.splitlines() if not line.startswith("compiling")]
+    told = [json.loads(line) if line.startswith("{") else {"error": line} for line in err.splitlines()]
+    said = [said for each in told for kind, said in each.items() if kind in ("warning", "error")]
     return code, json.loads(out) if out else {}, said
 
 
@@ -687,7 +690,7 @@ def test_a_triangle_soup_is_degraded_and_its_merged_corners_are_the_mesh(capsys,
     soup, corners = points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
     code, record, said = filtered(capsys, pair_files, "soup", soup, corners)
     assert (code, record["status"], record["complex"]["edges"]) == (4, "degraded", 3 * len(faces))
-    assert said == [f"warning: no edge is shared by two of the {len(faces)} faces: merge corners with --merge-corners"]
+    assert said == [f"no edge is shared by two of the {len(faces)} faces: merge corners with --merge-corners"]
     code, record, said = filtered(capsys, pair_files, "soup", soup, corners, "--merge-corners")
     assert (code, record["complex"]["edges"], record["warnings"], said) == (0, 271, [], [])
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..printing import columns, is_renewable, leave, note, note_json, renew
+from ..printing import columns, is_renewable, leave, note, note_json, remarks_as_json, renew
 
 if TYPE_CHECKING:
     from ..run.pipeline import Step
@@ -216,8 +216,8 @@ def progress(as_json: bool) -> Iterator[Teller]:
     Parameters
     ----------
     as_json : bool
-        Whether programs read stderr. Otherwise a line is renewed on a terminal, and elsewhere nothing is said but a
-        line a minute.
+        Whether programs read stderr: all on it is lines of JSON then. Otherwise a line is renewed on a terminal, and
+        elsewhere nothing is said but a line a minute.
 
     Yields
     ------
@@ -228,5 +228,5 @@ def progress(as_json: bool) -> Iterator[Teller]:
         tell, every = write_json, JSON
     else:
         tell, every = (show_line, TERMINAL) if is_renewable() else (write_sign, LOG)
-    with Teller(tell, every) as teller:
+    with remarks_as_json() if as_json else contextlib.nullcontext(), Teller(tell, every) as teller:
         yield teller

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..printing import note, say
+from ..printing import note, remarks_as_json, say
 
 if TYPE_CHECKING:
     from ..run.pipeline import RunResult
@@ -62,8 +63,8 @@ def announce_compilation() -> None:
 
 def finish(result: RunResult, as_json: bool) -> None:
     """Say what a run folder holds, and end with the code of a degraded run if it is one."""
-    for warning in result.run["warnings"]:
-        note(f"warning: {warning['message']}")
+    with remarks_as_json() if as_json else contextlib.nullcontext():
+        note(*(f"warning: {warning['message']}" for warning in result.run["warnings"]))
     if as_json:
         say(json.dumps(result.run | {"folder": str(result.folder)}, sort_keys=True))
     else:

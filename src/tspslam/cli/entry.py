@@ -15,7 +15,7 @@ import typer
 
 from .. import __version__
 from ..errors import InputError, OutputError, TspSlamError
-from ..printing import hold_streams, listen, note, remarks_as_json, say
+from ..printing import hold_streams, listen, note, say
 from . import jobs, runs, show, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
@@ -79,10 +79,7 @@ def _run(arguments: list[str]) -> int:
     page = io.StringIO()  # help, which click prints: as all else, it goes through `_say`
     is_page = "--help" in words or set(words) <= {"config", "calib"}
     try:
-        with (
-            contextlib.redirect_stdout(page) if is_page else contextlib.nullcontext(),
-            remarks_as_json() if "--json" in words else contextlib.nullcontext(),
-        ):
+        with contextlib.redirect_stdout(page) if is_page else contextlib.nullcontext():
             outcome = typer.main.get_command(app).main(words, prog_name="tspslam", standalone_mode=False)
     except typer.Exit as stop:
         outcome = stop.exit_code

@@ -21,8 +21,10 @@ _LARGEST_MARK = 1 << 24  # bytes
 def check_free(path: Path, kind: str, *, is_forced: bool = False) -> None:
     """Raise `InputError` unless a folder is not there, or empty, or, if forced, an earlier export and nothing else."""
     expected = "a free name, an empty folder, or with --force an earlier export"
-    if os.path.islink(path) or (path.exists() and not path.is_dir()):
+    if os.path.islink(path) or (os.path.exists(path) and not os.path.isdir(path)):
         raise bad_input(path, "is there and is no folder", expected)
+    if not os.path.exists(path):
+        return
     try:
         found = sorted(each.relative_to(path).as_posix() for each in path.rglob("*") if not _is_folder(each))
     except OSError as error:
@@ -68,7 +70,10 @@ def fill_folder(path: Path, kind: str, *, is_forced: bool = False) -> Iterator[P
         If the system refuses.
     """
     check_free(path, kind, is_forced=is_forced)
-    target = Path(os.path.realpath(path))
+    try:
+        target = Path(os.path.realpath(path))
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
     temporary, aside = (target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}") for _ in "ab")
     try:
         temporary.mkdir()
