@@ -44,7 +44,17 @@ def test_pycolmap_reads_the_same_camera_poses_and_points(read):
     assert sorted(model.points3D) == list(range(1, len(map_) + 1))
     for i, point in model.points3D.items():
         assert np.array_equal(point.xyz, map_.xyz[i - 1])
-        assert np.array_equal(point.color, [round(255 * map_.signals.vertex[i - 1])] * 3)
+
+
+def test_points_have_the_mean_colour_of_the_pixels_that_observe_them(read):
+    map_ = seen_map(noise=0.3)
+    model, seen = read(map_), map_.observations
+    images = [grey_of(map_)(row) for row in range(4)]
+    for i, point in model.points3D.items():
+        rows = range(seen.start[i - 1], seen.start[i])
+        places = [np.clip(np.rint(seen.uv[row]), 0, (89, 59)).astype(int) for row in rows]
+        grey = np.mean([images[seen.keyframe[row]][v, u] for row, (u, v) in zip(rows, places, strict=True)])
+        assert np.array_equal(point.color, [np.rint(grey)] * 3)
 
 
 def test_each_track_is_the_observations_of_its_vertex(read):
@@ -128,7 +138,8 @@ def test_what_colmap_cannot_hold_is_left_out(read):
     xyz[3, 2] = -50.0
     uv[map_.observations.vertex == 5] = np.nan
     seen = replace(map_.observations, uv=uv)
-    model = read(replace(map_, xyz=xyz, observations=seen))
+    with np.errstate(all="raise"):
+        model = read(replace(map_, xyz=xyz, observations=seen))
     assert set(range(1, len(map_) + 1)) - set(model.points3D) == {4, 6}
 
 

@@ -1,4 +1,4 @@
-"""The keyframes of a map as other programs take them: images of 8 bits in colour, names, colours of the vertices."""
+"""The keyframes of a map as other programs take them: their images of 8 bits in colour."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .._checks import is_rigid, require
 from ..errors import InputError
 from ..topological_map import TopologicalMap
-from ..types import Image, one_channel
+from ..types import Image
 from ..vision.rig import check_image
 from .images import write_png
 
@@ -38,11 +38,21 @@ def image_name(map_: TopologicalMap, row: int) -> str:
     return f"{map_.keyframes[row]:06d}.png"
 
 
-def write_images(folder: Path, map_: TopologicalMap, image_of: ImageOf) -> None:
-    """Write the image of each keyframe as PNG."""
+def write_images(folder: Path, map_: TopologicalMap, image_of: ImageOf) -> NDArray[np.uint8]:
+    """Write the image of each keyframe as PNG; returns the colour of each vertex, (N, 3), black if nothing shows it.
+
+    It is the mean over the pixels of its observations, as the images have them: exposures are not taken out.
+    """
     (folder / IMAGES).mkdir()
+    seen, total, count = map_.observations, np.zeros((len(map_), 3)), np.zeros(len(map_))
     for row in range(len(map_.keyframes)):
-        write_png(folder / IMAGES / image_name(map_, row), view_of(map_, row, image_of))
+        pixels = view_of(map_, row, image_of)
+        write_png(folder / IMAGES / image_name(map_, row), pixels)
+        rows = np.flatnonzero((seen.keyframe == row) & np.isfinite(seen.uv).all(axis=1))
+        u, v = np.rint(np.clip(seen.uv[rows], 0, (map_.rig.width - 1, map_.rig.height - 1))).astype(np.int64).T
+        total[seen.vertex[rows]] += pixels[v, u]  # a keyframe observes a vertex once
+        count[seen.vertex[rows]] += 1
+    return np.rint(total / np.maximum(count, 1)[:, None]).astype(np.uint8)
 
 
 def view_of(map_: TopologicalMap, row: int, image_of: ImageOf) -> NDArray[np.uint8]:
@@ -67,11 +77,3 @@ def in_colour(image: Image) -> NDArray[np.uint8]:
         scale = 255 / 65535 if image.dtype == np.uint16 else 255.0
         pixels = np.rint(image * scale).astype(np.uint8)
     return np.ascontiguousarray(np.broadcast_to(pixels[..., None], (*pixels.shape, 3)) if pixels.ndim == 2 else pixels)
-
-
-def vertex_rgb(map_: TopologicalMap) -> NDArray[np.uint8]:
-    """Colour of each vertex, (N, 3): its luminance or colour, cut at white; black where it has none."""
-    signal, ok = map_.signals.vertex, map_.signals.vertex_ok
-    channels = signal if signal.ndim == 2 and signal.shape[1] == 3 else one_channel(signal)[:, None]
-    values = np.rint(255 * np.clip(channels, 0, 1)).astype(np.uint8)
-    return np.where(ok[:, None], np.broadcast_to(values, (len(values), 3)), np.uint8(0))

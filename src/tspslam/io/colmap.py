@@ -16,7 +16,7 @@ from ..types import FloatArray, Rig
 from ..vision.rig import project
 from ..vision.se3 import inverse
 from ._folders import new_folder
-from ._views import TO_CORNER, ImageOf, check_views, image_name, vertex_rgb, write_images
+from ._views import TO_CORNER, ImageOf, check_views, image_name, write_images
 from .trajectory import quaternions
 
 _PINHOLE = 1  # of COLMAP's models: fx, fy, cx, cy
@@ -68,7 +68,7 @@ def write_colmap(path: PathLike, map_: TopologicalMap, image_of: ImageOf) -> Non
     -----
     The format is that of https://colmap.github.io/format.html. Left out are observations without a pixel or behind
     their camera, and points that nothing else observes. A point's error is the mean distance, in px, of its
-    observations from where it projects; its colour that of `vertex_rgb`: the map's mean over the views.
+    observations from where it projects; its colour the mean of their pixels.
     """
     check_views(map_, "COLMAP")
     seen = _observations(map_)
@@ -77,8 +77,8 @@ def write_colmap(path: PathLike, map_: TopologicalMap, image_of: ImageOf) -> Non
         model.mkdir(parents=True)
         write_bytes(model / "cameras.bin", _cameras(map_.rig))
         write_bytes(model / "images.bin", _images(map_, seen))
-        write_bytes(model / "points3D.bin", _points(map_, seen))
-        write_images(folder, map_, image_of)
+        rgb = write_images(folder, map_, image_of)
+        write_bytes(model / "points3D.bin", _points(map_, seen, rgb))
 
 
 def _observations(map_: TopologicalMap) -> _Seen:
@@ -116,10 +116,10 @@ def _images(map_: TopologicalMap, seen: _Seen) -> bytes:
     return b"".join(parts)
 
 
-def _points(map_: TopologicalMap, seen: _Seen) -> bytes:
+def _points(map_: TopologicalMap, seen: _Seen, rgb: NDArray[np.uint8]) -> bytes:
     count = np.bincount(seen.vertex, minlength=len(map_))
     table = np.empty(len(map_), _POINT)
-    table["id"], table["xyz"], table["rgb"] = np.arange(len(map_)) + 1, map_.xyz, vertex_rgb(map_)
+    table["id"], table["xyz"], table["rgb"] = np.arange(len(map_)) + 1, map_.xyz, rgb
     table["error"] = np.bincount(seen.vertex, seen.error, minlength=len(map_)) / np.maximum(count, 1)
     table["length"] = count
     tracks = np.empty(len(seen.vertex), _TRACK)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._atomic import write_bytes
 from .._files import PathLike
 from ..topological_map import TopologicalMap
 from ..types import FloatArray
 from ._folders import new_folder
-from ._views import IMAGES, TO_CORNER, ImageOf, check_views, image_name, vertex_rgb, write_images
+from ._views import IMAGES, TO_CORNER, ImageOf, check_views, image_name, write_images
 from .ply import write_ply
 
 CLOUD = "sparse_pc.ply"
@@ -24,9 +25,9 @@ def write_nerfstudio(path: PathLike, map_: TopologicalMap, image_of: ImageOf) ->
     """Write a map's keyframes for nerfstudio: a folder, whole or not at all; the same map gives the same bytes.
 
     ``transforms.json`` has one camera, ``OPENCV`` without distortion, and the pose of each keyframe, whose left image,
-    rectified, is in ``images``, named by the number of its frame; ``sparse_pc.ply`` has the map's vertices with their
-    colours, from which splats start. Cameras look along -z with y up (OpenGL), the world has z up: it is ours, turned
-    by `T_UP_WORLD`; m.
+    rectified, is in ``images``, named by the number of its frame; ``sparse_pc.ply`` has the map's vertices with the
+    mean colour of their observations, from which splats start. Cameras look along -z with y up (OpenGL), the world has
+    z up: it is ours, turned by `T_UP_WORLD`; m.
 
     Parameters
     ----------
@@ -54,8 +55,7 @@ def write_nerfstudio(path: PathLike, map_: TopologicalMap, image_of: ImageOf) ->
     with new_folder(path) as folder:
         text = json.dumps(_transforms(map_), indent=1, allow_nan=False) + "\n"
         write_bytes(folder / "transforms.json", text.encode("ascii"))
-        _write_cloud(folder / CLOUD, map_)
-        write_images(folder, map_, image_of)
+        _write_cloud(folder / CLOUD, map_, write_images(folder, map_, image_of))
 
 
 def _transforms(map_: TopologicalMap) -> dict[str, object]:
@@ -76,8 +76,7 @@ def _transforms(map_: TopologicalMap) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _write_cloud(path: PathLike, map_: TopologicalMap) -> None:
-    rgb = vertex_rgb(map_)
+def _write_cloud(path: PathLike, map_: TopologicalMap, rgb: NDArray[np.uint8]) -> None:
     xyz = map_.xyz @ T_UP_WORLD[:3, :3].T
     colours = {name: rgb[:, k] for k, name in enumerate(("red", "green", "blue"))}
     write_ply(path, xyz, np.empty((0, 3), np.int32), vertex=colours)
