@@ -1,4 +1,4 @@
-"""Folders that are either complete or not there."""
+"""Folders, and files that others write, that are either complete or not there."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, _sync_folder, bad_output
-from .._checks import require_path
-from .._files import PathLike, bad_input
+from .._files import PathLike, bad_input, one_line
 from ..errors import OutputError
 
 
@@ -48,27 +47,68 @@ def new_folder(path: PathLike) -> Iterator[Path]:
     ...     Path(above, "made", "a.txt").read_text()
     'whole'
     """
-    require_path(path)
-    target = Path(os.path.abspath(path))
-    temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
-    try:
-        _check_free(target)
-        temporary.mkdir()
-    except (OSError, ValueError) as error:
-        raise bad_output(path, error) from error
-    try:
+    target = Path(os.path.abspath(os.fspath(path)))
+    with _beside(path, target, _check_free) as temporary:
         yield temporary
         _sync_files(temporary)
         with contextlib.suppress(FileNotFoundError):
             target.rmdir()
         temporary.rename(target)
         _sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def new_file(path: PathLike) -> Iterator[Path]:
+    """Give a place beside `path` to who writes a file by its name; what is there at the end takes the name of `path`.
+
+    As `tspslam.io.atomic_write`, for libraries that open files themselves.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write; its folder must exist.
+
+    Yields
+    ------
+    Path
+        Where the file goes, with the suffix of `path`.
+
+    Raises
+    ------
+    OutputError
+        If the system refuses, or `path` is there but not a regular file.
+    """
+    target = Path(os.path.realpath(path))
+    with _beside(path, target, _check_file) as temporary:
+        made = temporary / f"made{target.suffix}"
+        yield made
+        _sync_files(temporary)
+        os.replace(made, target)
+        _sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iterator[Path]:
+    """A folder beside the target that is gone at the end, unless it was renamed; what goes wrong is ours to say."""
+    temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
+    try:
+        check(target)
+        temporary.mkdir()
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
+    try:
+        yield temporary
     except OSError as error:
         raise bad_output(path, error) from error
     except OutputError as error:  # of a file in the folder: say it by the name that it would have had
         raise OutputError(str(error).replace(str(temporary), str(path))) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _check_file(target: Path) -> None:
+    if target.exists() and not target.is_file():
+        raise OutputError(one_line(f"{target}: is not a regular file; expected one, or a free name"))
 
 
 def _check_free(target: Path) -> None:

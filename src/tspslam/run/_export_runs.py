@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from .._files import bad_input
 from ..io.frames import read_frame_image
@@ -18,7 +17,7 @@ from ..types import Image, Trajectory
 
 @dataclass(frozen=True)
 class RunData:
-    """A finished run whose map has keyframes with stored frames.
+    """A finished run and its map.
 
     Attributes
     ----------
@@ -53,5 +52,33 @@ class RunData:
         InputError
             If its file is missing, was changed, or holds no image.
         """
-        folder = RunFolder.open(self.run.path)
-        return read_frame_image(folder.finished_frame(int(self.map_.keyframes[row])))
+        return read_frame_image(self._folder.finished_frame(int(self.map_.keyframes[row])))
+
+    @cached_property
+    def _folder(self) -> RunFolder:
+        return RunFolder.open(self.run.path)
+
+
+def load_run_data(run: Path) -> RunData:
+    """Read a finished run's map and path.
+
+    Parameters
+    ----------
+    run : path
+        The run folder.
+
+    Returns
+    -------
+    RunData
+
+    Raises
+    ------
+    InputError
+        If it is no finished run, has no map or no path, or its path has not a pose for each row of its record.
+    """
+    data = RunData(load_run(run), load_map(run))
+    rows = data.run.record.get("per_frame", [])
+    if len(rows) != len(data.trajectory):
+        told = f"has {len(rows)} rows of frames, and a path of {len(data.trajectory)} poses"
+        raise bad_input(run, told, "one for each")
+    return data
