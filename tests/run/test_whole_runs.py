@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from tspslam.run._export_runs import load_run_data
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
 from tspslam.run.rrd import export_rrd, recorded_run
-from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
 
 from ..sequences import SETTINGS, SMALL_RIG, corridor
@@ -30,7 +28,7 @@ from ..sequences import SETTINGS, SMALL_RIG, corridor
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("run") / "run"
-    run(corridor(4.0, SMALL_RIG), out, resolve(assignments=SETTINGS))
+    run(corridor(2.0, SMALL_RIG), out, resolve(assignments=SETTINGS))
     return out
 
 
@@ -143,10 +141,16 @@ def test_rerun_has_the_images_and_the_landmarks_tracked(recording, data):
     assert dict(zip(seen["frame"], (each[0] for each in seen["scalars"]), strict=True)) == known
 
 
-def test_two_recordings_of_a_run_hold_the_same_under_the_same_name(recording, folder, tmp_path):
-    """Rerun stamps rows and views with the time: bytes differ, what is shown does not."""
+def test_a_second_recording_holds_the_same_and_nothing_is_left_beside_it(recording, folder, tmp_path, monkeypatch):
+    """Rerun stamps rows and views with the time: bytes differ, what is shown and the recording's name do not."""
     chunk = pytest.importorskip("rerun.chunk", reason="this rerun has no reader of chunks")
+    (tmp_path / "home").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("RERUN", "0")  # turns rerun off elsewhere
+    (tmp_path / "again.rrd").write_bytes(b"older")
     export_rrd(folder, tmp_path / "again.rrd")
+    assert not list((tmp_path / "home").iterdir())
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["again.rrd", "home"]
     one, other = (chunk.RrdReader(path) for path in (recording, tmp_path / "again.rrd"))
     assert one.recordings() == other.recordings()
     for place in ("/world/map/vertices", "/world/map/faces", "/world/camera", "/world/keyframe/image"):
@@ -157,20 +161,9 @@ def test_two_recordings_of_a_run_hold_the_same_under_the_same_name(recording, fo
         }
 
 
-def test_rerun_leaves_nothing_in_one_s_home(folder, tmp_path, monkeypatch):
-    pytest.importorskip("rerun", reason="the extra rerun is not installed")
-    (tmp_path / "home").mkdir()
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("RERUN", "0")  # turns rerun off elsewhere
-    export_rrd(folder, tmp_path / "run.rrd")
-    assert not list((tmp_path / "home").iterdir())
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["home", "run.rrd"]
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="no file size limit there")
-@pytest.mark.parametrize("room", [3000, 0.999], ids=["at once", "at the end"])
-def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path, room):
-    limit = room if room > 1 else int(room * recording.stat().st_size)
+def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path):
+    limit = int(0.999 * recording.stat().st_size)  # the last bytes do not fit, which is hardest to notice
     code = textwrap.dedent(f"""
         import resource
         from pathlib import Path
@@ -202,17 +195,15 @@ def test_without_rerun_one_line_says_what_to_install(folder, tmp_path, monkeypat
         export_rrd(folder, tmp_path / "a.rrd")
 
 
-def test_a_recording_takes_the_place_of_an_older_one_only_when_it_is_whole(copied, recording, tmp_path):
+def test_an_older_recording_stays_where_a_new_one_cannot_be_made(copied, tmp_path):
+    pytest.importorskip("rerun", reason="the extra rerun is not installed")
     (tmp_path / "a.rrd").write_bytes(b"older")
-    stored = next(iter(sorted((copied / "frames").glob("*.npz"))))
-    kept = stored.read_bytes()
+    stored = min((copied / "frames").glob("*.npz"))
     stored.unlink()
     with pytest.raises(InputError, match=f"{stored.name}: is missing or was changed since the run"):
         export_rrd(copied, tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").read_bytes() == b"older"
-    stored.write_bytes(kept)
-    export_rrd(copied, tmp_path / "a.rrd")
-    assert (tmp_path / "a.rrd").read_bytes()[:4] == recording.read_bytes()[:4] == b"RRF2"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a.rrd", "copied"]
 
 
 @pytest.mark.parametrize(
@@ -246,6 +237,3 @@ def test_what_is_read_of_a_run_is_what_its_readers_give(data, folder):
     assert len(recorded_run(data).index) == len(data.trajectory)
     assert np.array_equal(data.image_of(0), load_run(folder).frame(0).image)
     assert RunFolder.open(folder).stored_frames == tuple(data.map_.keyframes.tolist())
-    T = inverse(data.map_.T_world_camera[0])
-    assert np.isfinite(project(data.map_.rig, data.map_.xyz @ T[:3, :3].T + T[:3, 3])).any()
-    assert isinstance(data.run.path, Path)
