@@ -1,0 +1,131 @@
+"""Folders, and files that others write, that are either complete or not there."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, _sync_folder, bad_output
+from .._files import PathLike, bad_input, one_line
+from ..errors import OutputError
+
+
+@contextlib.contextmanager
+def new_folder(path: PathLike) -> Iterator[Path]:
+    """Make a folder beside `path` that takes its name when the block ends without an error.
+
+    All files are synced to disk before. On any failure, an interruption included, the folder is removed.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder to make: not there yet, or empty. The folder above it must exist.
+
+    Yields
+    ------
+    Path
+        The folder, by its temporary name.
+
+    Raises
+    ------
+    InputError
+        If something is there already.
+    OutputError
+        If the system refuses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as above:
+    ...     with new_folder(f"{above}/made") as folder:
+    ...         _ = (folder / "a.txt").write_text("whole")
+    ...     Path(above, "made", "a.txt").read_text()
+    'whole'
+    """
+    target = Path(os.path.abspath(os.fspath(path)))
+    with _beside(path, target, _check_free) as temporary:
+        yield temporary
+        _sync_files(temporary)
+        with contextlib.suppress(FileNotFoundError):
+            target.rmdir()
+        temporary.rename(target)
+        _sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def new_file(path: PathLike) -> Iterator[Path]:
+    """Give a place beside `path` to who writes a file by its name; what is there at the end takes the name of `path`.
+
+    As `tspslam.io.atomic_write`, for libraries that open files themselves.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to write; its folder must exist.
+
+    Yields
+    ------
+    Path
+        Where the file goes, with the suffix of `path`.
+
+    Raises
+    ------
+    OutputError
+        If the system refuses, or `path` is there but not a regular file.
+    """
+    target = Path(os.path.realpath(path))
+    with _beside(path, target, _check_file) as temporary:
+        made = temporary / f"made{target.suffix}"
+        yield made
+        _sync_files(temporary)
+        os.replace(made, target)
+        _sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iterator[Path]:
+    """A folder beside the target that is gone at the end, unless it was renamed; what goes wrong is ours to say."""
+    temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
+    try:
+        check(target)
+        temporary.mkdir()
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
+    try:
+        yield temporary
+    except OSError as error:
+        raise bad_output(path, error) from error
+    except OutputError as error:  # of a file in the folder: say it by the name that it would have had
+        raise OutputError(str(error).replace(str(temporary), str(path))) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _check_file(target: Path) -> None:
+    if target.exists() and not target.is_file():
+        raise OutputError(one_line(f"{target}: is not a regular file; expected one, or a free name"))
+
+
+def _check_free(target: Path) -> None:
+    try:
+        is_folder = stat.S_ISDIR(os.lstat(target).st_mode)
+    except FileNotFoundError:
+        return
+    if not is_folder or os.listdir(target):
+        raise bad_input(target, "is there already", "a free name, or an empty folder")
+
+
+def _sync_files(folder: Path) -> None:
+    for above, _, names in os.walk(folder):
+        for name in names:
+            descriptor = os.open(os.path.join(above, name), os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        _sync_folder(Path(above))
