@@ -61,7 +61,11 @@ class Exported(Brief):
             return found[0] if found else None
         named = {layer.name: layer for layer in found}
         if self.layer not in named:
-            raise bad_input(self.path, f"has no layer {self.layer!r}", f"one of {', '.join(named) or 'none'}")
+            raise bad_input(
+                self.path,
+                f"has no layer {self.layer!r}",
+                f"one of {', '.join(named)}" if named else "no layer: it has none",
+            )
         return named[self.layer]
 
 
