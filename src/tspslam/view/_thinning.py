@@ -62,7 +62,12 @@ def kept(xyz: FloatArray, faces: NDArray[Any], edges: NDArray[Any], keep: BoolAr
     coarse, fine = 0, STEPS_AN_OCTAVE * OCTAVES  # a single cell always fits
     while fine - coarse > 1:
         middle = (coarse + fine) // 2
-        is_enough = _merged(whole, places, _side(size, middle)).fits(most)
+        group, count = _cells(places, _side(size, middle))
+        is_enough = (
+            count <= most
+            and len(np.unique(_keys(group[whole.corners], count)[1])) <= most
+            and len(np.unique(_keys(group[whole.ends], count)[1])) <= 2 * most
+        )
         coarse, fine = (middle, fine) if is_enough else (coarse, middle)
     return _merged(whole, places, _side(size, coarse))
 
@@ -73,9 +78,7 @@ def _side(size: float, step: int) -> float:
 
 def _merged(whole: Kept, places: FloatArray, cell: float) -> Kept:
     """Merge the vertices of each cell."""
-    at = np.floor(places / cell).astype(np.int64)
-    wide = at.max(axis=0) + 1
-    _, group = np.unique((at[:, 0] * wide[1] + at[:, 1]) * wide[2] + at[:, 2], return_inverse=True)
+    group, _ = _cells(places, cell)
     chosen = _middles(places, group)
     order = np.argsort(chosen)  # rows ascend
     rank = np.empty(len(chosen), np.int64)
@@ -86,9 +89,25 @@ def _merged(whole: Kept, places: FloatArray, cell: float) -> Kept:
     faces = _distinct(corners, np.linalg.norm(np.cross(b - a, c - a), axis=1), len(chosen))
     long = np.linalg.norm(places[whole.ends[:, 0]] - places[whole.ends[:, 1]], axis=1)
     edges = _distinct(ends, long, len(chosen))
-    return Kept(
-        whole.vertices[chosen], whole.faces[faces], corners[faces], whole.edges[edges], ends[edges], cell
-    )  # fmt: skip
+    return Kept(whole.vertices[chosen], whole.faces[faces], corners[faces], whole.edges[edges], ends[edges], cell)
+
+
+def _cells(places: FloatArray, cell: float) -> tuple[Rows, int]:
+    """Number the cells in which there are places; which each is in, (n,), and how many there are."""
+    at = np.floor(places / cell).astype(np.int64)
+    wide = at.max(axis=0) + 1
+    found, group = np.unique((at[:, 0] * wide[1] + at[:, 1]) * wide[2] + at[:, 2], return_inverse=True)
+    return group, len(found)
+
+
+def _keys(corners: Rows, n: int) -> tuple[Rows, Rows]:
+    """Rows of simplices whose corners differ, and a number for each that those with the same corners share."""
+    ordered = np.sort(corners, axis=1)
+    rows = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
+    key = np.zeros(len(rows), np.int64)
+    for column in ordered[rows].T:
+        key = key * n + column
+    return rows, key
 
 
 def _middles(places: FloatArray, group: Rows) -> Rows:
@@ -102,10 +121,6 @@ def _middles(places: FloatArray, group: Rows) -> Rows:
 
 def _distinct(corners: Rows, size: FloatArray, n: int) -> Rows:
     """Rows, ascending, of simplices whose corners differ, the largest of those with the same corners."""
-    ordered = np.sort(corners, axis=1)
-    rows = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
-    rows = rows[np.lexsort((rows, -size[rows]))]
-    key = np.zeros(len(rows), np.int64)
-    for column in ordered[rows].T:
-        key = key * n + column
-    return np.sort(rows[np.unique(key, return_index=True)[1]])
+    rows, key = _keys(corners, n)
+    order = np.lexsort((rows, -size[rows]))
+    return np.sort(rows[order][np.unique(key[order], return_index=True)[1]])
