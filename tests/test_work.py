@@ -128,6 +128,6 @@ def test_help_and_import_load_no_package_of_numbers_or_pictures(job):
     code += "\nimport sys; print('loaded', *{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split("loaded ")[1].split())
-    heavy = {"numpy", "scipy", "numba", "llvmlite", "cv2", "PIL", "skimage", "matplotlib", "plotly", "yaml"}
+    heavy = {"numpy", "scipy", "numba", "llvmlite", "cv2", "PIL", "skimage", "matplotlib", "yaml"}
     assert "tspslam" in loaded
     assert not loaded & heavy

@@ -8,10 +8,10 @@ import pytest
 from view_maps import ODD_MAPS, room, wall
 
 from tspslam.errors import InputError
-from tspslam.view import _map_scene as scenes
 from tspslam.view import _style as style
 from tspslam.view import write_map_pictures, write_report, write_scene
 from tspslam.view._map_section import map_numbers
+from tspslam.view._turning import map_to_turn
 
 RUN = {"source": "drive", "status": "complete", "frames": 60, "keyframes": 6}
 
@@ -62,8 +62,7 @@ def test_every_map_has_numbers_and_a_scene_or_a_word_why_not(name):
     map_ = ODD_MAPS[name]()
     numbers = dict(map_numbers(map_))
     assert numbers["Euler characteristic"] == map_.complex_.euler
-    made = scenes.map_scene(map_)
-    assert (made is None) == (len(map_.surface.faces) == 0)
+    assert ("<canvas" in map_to_turn(map_)) == (len(map_.surface.faces) > 0)
 
 
 def test_numbers_say_what_the_map_holds():
@@ -81,41 +80,10 @@ def test_numbers_say_what_the_map_holds():
     assert dict(map_numbers(room()))["parts"] == 3
 
 
-def test_a_scene_shows_every_face_once_and_the_path():
-    map_ = wall()
-    made = scenes.map_scene(map_)
-    meshes = [trace for trace in made.figure.data if trace.type == "mesh3d"]
-    assert sum(len(trace.i) for trace in meshes) == len(map_.surface.faces)
-    path = made.figure.data[-1]
-    np.testing.assert_allclose(np.stack([path.x, -np.asarray(path.z), path.y], 1), map_.T_world_camera[:, :3, 3])
-    assert made.buttons == []
-
-
-def test_a_room_opens_without_its_ceiling_and_a_button_puts_it_back():
-    made = scenes.map_scene(room())
-    shown, whole = ((first, count) for _, first, count in made.buttons)
-    count = [sum(len(t.i) for t in made.figure.data[:k] if t.type == "mesh3d") for _, k in (shown, whole)]
-    assert count == [196, 294]
-    assert [trace.visible for trace in made.figure.data] == [k < shown[1] for k in range(whole[1])]
-
-
-def test_vertices_far_off_do_not_set_the_scale_and_are_counted():
-    made = scenes.map_scene(ODD_MAPS["far outlier"]())
-    assert made.hidden == 1
-    assert made.figure.layout.scene.xaxis.range[1] < 5
-
-
-def test_a_map_too_large_for_a_page_is_named_not_thinned(frame, monkeypatch, tmp_path):
-    monkeypatch.setattr(scenes, "MOST_FACES", 127)
-    page = without_scripts(write_report(frame, RUN, [], tmp_path / "report.html", map_=wall()))
-    assert "128 faces are more than a page shows well; map.vtu holds all of them" in page
-    assert 'class="plot"' not in page
-
-
 def test_a_page_of_its_own_shows_a_frame_or_a_map_to_turn(frame, tmp_path):
     for shown, title in ((frame, "The mesh in space"), (room(), "The map in space")):
         page = write_scene(shown, tmp_path / "scene.html").read_text(encoding="utf-8")
         assert title in page
-        assert "Plotly.newPlot" in page
+        assert "webgl2" in page
     with pytest.raises(InputError, match="a Frame or a TopologicalMap"):
         write_scene("map.vtu", tmp_path / "scene.html")

@@ -1,6 +1,6 @@
 """Looking at results: pictures of a frame or a map, and a report that needs nothing but a browser.
 
-Names are loaded when they are first used, so importing this package does not import matplotlib or plotly.
+Names are loaded when they are first used, so importing this package does not import matplotlib.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pieces of the report's page: numbers in tiles, pictures that are part of the file, a scene to turn."""
+"""Pieces of the report's page: numbers in tiles, pictures that are part of the file."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from PIL import Image as PillowImage
 
 from .. import __version__
 from ..errors import InputError
-from ._page import SCRIPT, STYLE
+from ._page import STYLE
 
 CITATION = (
     "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
 )
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'"
 )
 
 
@@ -56,37 +56,6 @@ def figures(paths: Sequence[Path], captions: Mapping[str, tuple[str, str]], *, i
             f"<figcaption><b>{text(title)}.</b> {text(caption)}</figcaption></figure>"
         )
     return "".join(shown)
-
-
-def scene(figure: Any, buttons: Sequence[tuple[str, int, int]], note: str) -> str:
-    """A plotly figure to turn, with its library.
-
-    Parameters
-    ----------
-    figure : go.Figure
-        What to show.
-    buttons : sequence of (label, first, count)
-        Which of its traces each button shows; the first is pressed. May be empty.
-    note : str
-        What stands below it.
-    """
-    plot = figure.to_html(
-        include_plotlyjs=True,
-        include_mathjax=False,
-        full_html=False,
-        div_id="mesh",
-        config={"displaylogo": False, "responsive": True, "displayModeBar": False},
-    )
-    switch = []
-    for number, (label, first, count) in enumerate(buttons):
-        pressed = "true" if number == 0 else "false"
-        span = f'data-first="{first}" data-count="{count}"'
-        switch.append(f'<button type="button" aria-pressed="{pressed}" {span}>{text(label)}</button>')
-    group = f'<div class="switch" role="group" aria-label="Signal">{"".join(switch)}</div>' if switch else ""
-    return (
-        f'{group}<div class="plot">{plot}</div><p class="quiet">{text(note)} '
-        f'<button type="button" class="reset">Reset the view</button></p><script>{SCRIPT}</script>'
-    )
 
 
 def shown_value(value: Any) -> str:

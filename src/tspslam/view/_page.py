@@ -1,4 +1,6 @@
-"""The look of the report: its style sheet and the few lines of script behind the buttons."""
+"""The look of the report: its style sheet."""
+
+from importlib.resources import files
 
 STYLE = """
 :root { --ink: #1b2430; --quiet: #64707d; --paper: #f6f7f9; --card: #ffffff; --rule: #dfe4e9; --accent: #2f6fed;
@@ -31,14 +33,6 @@ h3::first-letter, summary::first-letter, tr > th::first-letter { text-transform:
   background: var(--warm-paper); color: var(--warm); }
 .warnings h2 { margin: 0; font-size: 1rem; }
 .warnings ul { margin: 0.35rem 0 0; padding-left: 1.2rem; overflow-wrap: anywhere; }
-.switch { display: flex; flex-wrap: wrap; gap: 0.4rem; margin-bottom: 0.7rem; }
-.switch button { font: inherit; font-size: 0.9rem; padding: 0.35em 0.95em; border: 1px solid var(--rule);
-  border-radius: 2em; background: var(--card); color: var(--ink); cursor: pointer; }
-.switch button:hover { border-color: var(--accent); }
-.switch button:focus-visible { outline: 2px solid var(--accent); outline-offset: 2px; }
-.switch button[aria-pressed="true"] { background: var(--accent); border-color: var(--accent); color: var(--card); }
-.reset { font: inherit; padding: 0; border: 0; background: none; color: var(--accent); cursor: pointer; }
-.reset:hover { text-decoration: underline; }
 .plot { height: clamp(300px, 62vw, 620px); overflow: hidden; }
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(320px, 100%), 1fr)); gap: 0.9rem;
   align-items: start; }
@@ -59,23 +53,6 @@ figcaption { padding: 0.8rem 1.1rem 0.95rem; border-top: 1px solid var(--rule); 
 figcaption b { color: var(--ink); }
 footer { max-width: 1120px; margin: 2rem auto 0; padding: 1.1rem 1.25rem 2.4rem; border-top: 1px solid var(--rule); }
 footer p { margin: 0.1rem 0; }
-@media print { .switch, .plot, .scene { display: none; } figure, .card { break-inside: avoid; } }
+@media print { figure, .card { break-inside: avoid; } }
 """
-
-SCRIPT = """
-(() => {
-  const plot = document.getElementById("mesh");
-  const buttons = [...document.querySelectorAll(".switch button")];
-  const camera = JSON.stringify(plot.layout.scene.camera);
-  document.querySelector(".reset").addEventListener("click", () => {
-    Plotly.relayout(plot, { "scene.camera": JSON.parse(camera) });
-  });
-  for (const button of buttons) {
-    button.addEventListener("click", () => {
-      const first = Number(button.dataset.first), last = first + Number(button.dataset.count);
-      Plotly.restyle(plot, { visible: plot.data.map((_, k) => k >= first && k < last) });
-      for (const other of buttons) other.setAttribute("aria-pressed", String(other === button));
-    });
-  }
-})();
-"""
+STYLE += files("tspslam.view").joinpath("_web", "scene.css").read_text(encoding="utf-8")
