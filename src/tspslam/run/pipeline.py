@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
@@ -19,12 +19,17 @@ from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Rig, StereoPair
+from ..vision.evaluate import TrajectoryErrors
 from .config import Resolved, as_resolved
+from .evaluate import describe_errors, measured
 from .map import join_keyframes, stored_keyframes
 from .record import hash_of, machine
 from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
+
+if TYPE_CHECKING:
+    from ..view._report_parts import WholeRun
 
 Progress = Callable[[int, int, str], None]
 
@@ -120,9 +125,11 @@ def run(
             record = _process_all(sequence, progress, on_frame)
         finally:
             sequence.session.close()
+        from ..view._report_timings import timings_svg
+
         total = time.perf_counter() - started
         times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
-        folder.write_timings(times | {"machine": machine()})
+        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
     return RunResult(Path(out), record)
 
 
@@ -196,22 +203,28 @@ def _process_all(sequence: SequenceRun, progress: Progress | None, on_frame: OnF
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    return _write_all(sequence, record)
+    errors, said = measured(sequence.source, sequence.trajectory)
+    record |= {"evaluation": describe_errors(errors)} if errors else {}
+    return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors)
 
 
-def _write_all(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, Any]:
+def _write_all(sequence: SequenceRun, record: dict[str, Any], errors: TrajectoryErrors | None) -> dict[str, Any]:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder = sequence.folder
     frames = [f"frames/{folder.frame_path(row.index).name}" for row in sequence.stored]
     key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
-    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key)
+    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key, errors)
     results = [name for name, unit in folder.units.items() if unit.input == key]
     folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
     return record
 
 
-def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> dict[str, Any]:
+def _write_results(
+    sequence: SequenceRun, record: dict[str, Any], key: str, errors: TrajectoryErrors | None
+) -> dict[str, Any]:
     """All that is made once the path is final; returns the record with what is said of the map."""
+    from .report import describe_whole
+
     folder, trajectory, watch = sequence.folder, sequence.trajectory, Stopwatch()
     paths = [note_landmarks(sequence)]
     folder.record(paths[0], input_hash=key)
@@ -224,7 +237,10 @@ def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str) -> d
     record = describe_map(record, made, warnings)
     paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
     shown = read_frame(folder.frame_path(sequence.stored[0].index))
-    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera)
+    places = [row.index for row in sequence.tracked]
+    poses = dict(zip(places, sequence.session.trajectory.T_world_camera, strict=True))
+    whole = describe_whole(folder, record, sequence.session.settings, shown, made=made, poses=poses, errors=errors)
+    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, whole=whole)
     return record
 
 
@@ -244,7 +260,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
 
 def write_results(
     folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
-    *, made: TopologicalMap | None = None, poses: FloatArray | None = None,
+    *, made: TopologicalMap | None = None, poses: FloatArray | None = None, whole: WholeRun | None = None,
 ) -> None:  # fmt: skip
     """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`.
 
@@ -264,18 +280,20 @@ def write_results(
         The map; where there is none, or it is of one keyframe, `frame` is shown as the map.
     poses : (T, 4, 4) float64, optional
         The path; of several, there is a picture too.
+    whole : WholeRun, optional
+        What the report shows of a run besides.
     """
     from ..view import pictures, report, write_plan_picture
     from ..view.map_pictures import write_map_pictures
 
-    whole = None if made is None or len(made.keyframes) < 2 else made
-    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if whole is None else whole)
+    of_all = None if made is None or len(made.keyframes) < 2 else made
+    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if of_all is None else of_all)
     drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
-        write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
-    drawn += [] if whole is None else write_map_pictures(whole, folder.path / "pictures")
+        write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if of_all is None else of_all.xyz, drawn[0])
+    drawn += [] if of_all is None else write_map_pictures(of_all, folder.path / "pictures")
     run_path = folder.write_run(record)
-    report.write_report(frame, record, drawn, folder.report_path, map_=whole)
+    report.write_report(frame, record, drawn, folder.report_path, map_=of_all, whole=whole)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)
