@@ -125,11 +125,7 @@ def run(
             record = _process_all(sequence, progress, on_frame)
         finally:
             sequence.session.close()
-        from ..view._report_timings import timings_svg
-
-        total = time.perf_counter() - started
-        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
-        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
+        _write_timings(sequence, time.perf_counter() - started)
     return RunResult(Path(out), record)
 
 
@@ -163,6 +159,16 @@ def run_path(
     """
     resolved = as_resolved(Settings() if settings is None else settings)
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame)
+
+
+def _write_timings(sequence: SequenceRun, total: float) -> None:
+    """Write the times of what was done; where all was there already, those of the call that did it stay."""
+    from ..view._report_timings import timings_svg
+
+    folder = sequence.folder
+    if sequence.seconds or not folder.timings_picture_path.exists():
+        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
+        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
 
 
 def _require_source(source: object) -> None:

@@ -24,7 +24,7 @@ FIGURES = {
 
 def path_section(evaluation: Mapping[str, Any] | None, errors: PathErrors | None) -> str:
     """Make the section of the true path, where it is known; else nothing."""
-    if not evaluation or errors is None:
+    if not isinstance(evaluation, Mapping) or not evaluation:
         return ""
     known = {name: evaluation.get(name) for name in FIGURES}
     numbers = [(FIGURES[name][0], _rounded(value, FIGURES[name][1])) for name, value in known.items()]
@@ -32,7 +32,8 @@ def path_section(evaluation: Mapping[str, Any] | None, errors: PathErrors | None
         '<section aria-labelledby="truth"><h2 id="truth">Path against the truth</h2>'
         f'<p class="quiet">{evaluation.get("matched")} of {evaluation.get("total")} poses have a true one. ATE and RPE '
         "are root mean squares; the ATE is what is left after the best rigid motion of the whole path.</p>"
-        f"{tiles([(name, value) for name, value in numbers if value is not None])}{_charts(errors)}</section>"
+        f"{tiles([(name, value) for name, value in numbers if value is not None])}"
+        f"{'' if errors is None else _charts(errors)}</section>"
     )
 
 
