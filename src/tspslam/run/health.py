@@ -144,6 +144,6 @@ def _exposures(gain: ArrayLike | None) -> Iterator[Finding]:
         return
     ratio = float(values.max() / values.min())
     verdict = _verdict(ratio, _BRIGHTER)
-    end = "evenly exposed." if verdict == "fine" else "fix the exposure of the camera, or its signals compare poorly."
-    words = f"The brightest keyframe is exposed {ratio:.2f} times as much as the darkest; the map evens it out: "
-    yield Finding("Exposure", verdict, words + end)
+    end = "" if verdict == "fine" else " Fix the camera's exposure if you can: what is over- or underexposed is lost."
+    words = f"The brightest keyframe is exposed {ratio:.2f} times as much as the darkest; the map evens that out.{end}"
+    yield Finding("Exposure", verdict, words)

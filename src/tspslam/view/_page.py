@@ -1,7 +1,7 @@
 """The look of the report: its style sheet and the few lines of script behind the buttons."""
 
 STYLE = """
-:root { --ink: #1b2430; --quiet: #64707d; --paper: #f6f7f9; --card: #ffffff; --rule: #dfe4e9; --accent: #2f6fed;
+:root { --ink: #1b2430; --quiet: #64707d; --paper: #f6f7f9; --card: #ffffff; --rule: #dfe4e9; --accent: #1f5bd0;
   --warm: #8a5a00; --warm-paper: #fff7e3; --warm-rule: #f0d890; --good: #17743f; --good-paper: #e3f5ea;
   --bad: #a11a1a; --bad-paper: #fde8e6; --blue: #0072b2; --sky: #3f8fc4; --red: #c94a00; --gold: #8a6d00;
   --pink: #a8487f; }
@@ -13,7 +13,7 @@ STYLE = """
 html { -webkit-text-size-adjust: 100%; }
 body { margin: 0; background: var(--paper); color: var(--ink);
   font: 16px/1.55 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
-main { max-width: 1120px; margin: 0 auto; padding: 2.6rem 1.25rem 1rem; }
+main { max-width: 1120px; margin: 0 auto; padding: 2.6rem 1.25rem 1rem; overflow-wrap: anywhere; }
 h1 { font-size: clamp(1.6rem, 4vw, 2.3rem); line-height: 1.2; margin: 0 0 1.3rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.2rem; margin: 2.6rem 0 0.9rem; }
 h3 { font-size: 0.95rem; margin: 0 0 0.5rem; }
@@ -68,7 +68,7 @@ main:focus { outline: none; }
 a { color: var(--accent); }
 nav ul { display: flex; flex-wrap: wrap; gap: 0.2rem 1.1rem; margin: 1.2rem 0 0; padding: 0; list-style: none;
   font-size: 0.9rem; }
-.tile b, .tile span, .card, figcaption, .said, nav { overflow-wrap: anywhere; }
+.wide table, section > .card table, .tile { overflow-wrap: normal; }
 .badge.bad { color: var(--bad); background: var(--bad-paper); }
 .badge.none { color: var(--quiet); border: 1px solid var(--rule); }
 .why { margin: 1rem 0 0; }
@@ -89,7 +89,7 @@ svg .open { fill: none; stroke: var(--quiet); stroke-width: 1.5; vector-effect: 
   font-size: 0.9rem; }
 .signs li { display: flex; align-items: center; gap: 0.5rem; }
 .signs svg { flex: none; width: 12px; height: 26px; border-bottom: 1px solid var(--quiet); }
-.where { margin: 0.6rem 0 0; padding-left: 1.2rem; overflow-wrap: anywhere; }
+.where { margin: 0.6rem 0 0; padding-left: 1.2rem; }
 .chart { margin: 0.9rem 0 0; padding: 0.7rem 1rem; }
 .chart figcaption { border: 0; padding: 0 0 0.3rem; color: var(--ink); }
 .chart .frame { position: relative; }
@@ -127,7 +127,7 @@ svg .open { fill: none; stroke: var(--quiet); stroke-width: 1.5; vector-effect: 
   outline: 2px solid var(--accent); outline-offset: 2px; }
 .on-paper { display: none; }
 @media (max-width: 480px) { main { padding: 1.4rem 0.9rem 1rem; } .tile b { font-size: 1.25rem; }
-  .tiles { grid-template-columns: repeat(auto-fit, minmax(110px, 1fr)); } h1 .badge { margin-left: 0.4rem; } }
+  .tiles { grid-template-columns: repeat(auto-fit, minmax(135px, 1fr)); } h1 .badge { margin-left: 0.4rem; } }
 @media print { body { background: none; }
   .skip, nav, .stage, .row, .previews li:not(:first-child) { display: none; }
   .live .previews { display: block; } .previews img { width: 480px; height: auto; max-width: 100%; }

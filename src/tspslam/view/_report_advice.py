@@ -57,7 +57,7 @@ MOST_OF_A_KIND = 5  # messages of one code that are shown
 
 def warnings_section(warnings: Any) -> str:
     """Make the section of warnings, those of one code together with what to do; nothing where there are none."""
-    kinds = _by_code(warnings if isinstance(warnings, list | tuple) else [warnings])
+    kinds = _by_code(warnings)
     if not kinds:
         return ""
     items = "".join(_item(code, messages) for code, messages in kinds.items())
@@ -90,7 +90,7 @@ def missing_section(missing: Sequence[str]) -> str:
 def _by_code(warnings: Any) -> dict[str, list[str]]:
     """Messages of each code, in order; those without a code stand alone."""
     kinds: dict[str, list[str]] = {}
-    for warning in warnings:
+    for warning in warnings if isinstance(warnings, list | tuple) else [warnings]:
         is_coded = isinstance(warning, Mapping)
         code = str(warning.get("code", "warning")) if is_coded else ""
         kinds.setdefault(code, []).append(str(warning.get("message", "") if is_coded else warning))

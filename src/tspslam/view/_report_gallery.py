@@ -15,7 +15,7 @@ from PIL import Image as PillowImage
 from ..frame import Frame
 from ..types import Image
 from ._frame import depth, grey, image_of, limits, projected
-from ._html import data_of, shown_value
+from ._html import data_of, plain, shown_value
 from ._layers import table
 from ._report_parts import Shot, State
 
@@ -110,7 +110,7 @@ def _preview(shot: Shot) -> str:
 def _described(shot: Shot, span: tuple[float, float]) -> dict[str, Any]:
     """Words and drawing of a frame, fit for JSON."""
     counts = ", ".join(f"{shown_value(value)} {name}" for name, value in shot.counts)
-    words = f"frame {shot.index}, {shot.name}, {shot.stamp:.6f} s: {shot.state}; {counts}"
+    words = plain(f"frame {shot.index}, {shot.name}, {shot.stamp:.6f} s: {shot.state}; {counts}")
     return {"words": words, "alt": f"Left image of frame {shot.index}", "drawing": drawing_of(shot, span)}
 
 

@@ -13,10 +13,10 @@ from ._report_chart import chart
 from ._report_parts import PathErrors
 
 FIGURES = {
-    "ate_rmse_m": ("error of position (ATE), m", 4),
-    "ate_sim3_rmse_m": ("ATE with the scale fitted too, m", 4),
-    "rpe_translation_m_frame": ("error a frame (RPE), m", 4),
-    "rpe_rotation_deg_frame": ("error a frame (RPE), degrees", 4),
+    "ate_rmse_m": ("error of position (ATE), m", 3),
+    "ate_sim3_rmse_m": ("ATE with the scale fitted too, m", 3),
+    "rpe_translation_m_frame": ("error a frame (RPE), m", 3),
+    "rpe_rotation_deg_frame": ("error a frame (RPE), degrees", 3),
     "rpe_translation_percent_10m": ("error over 10 m, %", 3),
     "rpe_rotation_deg_10m": ("error over 10 m, degrees", 3),
 }

@@ -113,5 +113,6 @@ def _where(states: Sequence[FrameState]) -> str:
         spans = spans_of([one.frame for one in states if one.state == state])
         if spans:
             more = f" and {len(spans) - _LONGEST_LIST} more" if len(spans) > _LONGEST_LIST else ""
-            lines.append(f"<li>{state}: frames {text(', '.join(spans[:_LONGEST_LIST]))}{more}</li>")
+            plural = "" if len(spans) == 1 and spans[0].isdigit() else "s"
+            lines.append(f"<li>{state}: frame{plural} {text(', '.join(spans[:_LONGEST_LIST]))}{more}</li>")
     return f'<ul class="quiet where">{"".join(lines)}</ul>' if lines else ""

@@ -194,7 +194,7 @@ def _counts(run: Mapping[str, Any]) -> list[tuple[str, Any]]:
     """How a run of several frames went."""
     counts = {key: run[key] for key in ("frames", "tracked", "keyframes", "landmarks", "loops") if key in run}
     rows = run.get("per_frame")
-    if is_table(rows) and isinstance(rows, list):
+    if is_table(rows) and isinstance(rows, list) and _is_of_several(run):
         counts |= {"lost": sum(bool(row.get("is_lost")) for row in rows), "skipped": run["frames"] - len(rows)}
     order = ("frames", "tracked", "lost", "skipped", "keyframes", "landmarks", "loops")
     return [(key, counts[key]) for key in order if key in counts]
