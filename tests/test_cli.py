@@ -48,7 +48,7 @@ def content(folder):
     """Bytes of every file of a run but what may vary."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes()
-        for p in folder.rglob("*") if p.is_file() and p.name != "timings.json"
+        for p in folder.rglob("*") if p.is_file() and p.stem != "timings"
     }  # fmt: skip
 
 

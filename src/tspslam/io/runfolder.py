@@ -17,7 +17,7 @@ from .._atomic import bad_output, make_folder, write_bytes
 from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError, OutputError
 from . import _config
-from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMINGS, check_places, is_result, is_word
+from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMES_PICTURE, TIMINGS, check_places, is_result, is_word
 from ._record import checked_rows, read_object
 from ._settling import is_ours, read_config, refuse_foreign, refuse_other_format, settle_config, sweep, unmake
 from .lock import FolderLock
@@ -184,6 +184,11 @@ class RunFolder:
         return self.path / "report.html"
 
     @property
+    def timings_picture_path(self) -> Path:
+        """Where the picture of ``timings.json`` goes, which varies as that does and is not in the manifest."""
+        return self.path / TIMES_PICTURE
+
+    @property
     def map_npz_path(self) -> Path:
         """Where the map goes, with all that is known of it."""
         return self.path / MAP
@@ -294,9 +299,23 @@ class RunFolder:
         path : str or path
             The file.
         """
-        unit = self.units.get(self._name(path))
-        if unit is not None and not self.is_done(path, input_hash=unit.input):
+        if self._name(path) in self.units and not self.is_as_left(path):
             raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
+
+    def is_as_left(self, path: PathLike) -> bool:
+        """Whether a file is listed and still what it was when the run left it.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+
+        Returns
+        -------
+        bool
+        """
+        unit = self.units.get(self._name(path))
+        return unit is not None and self.is_done(path, input_hash=unit.input)
 
     @property
     def stored_frames(self) -> tuple[int, ...]:
@@ -351,12 +370,19 @@ class RunFolder:
         """
         return self._write_json("run.json", values)
 
-    def write_timings(self, values: Mapping[str, Any]) -> None:
-        """Write ``timings.json``, the only place for what varies from run to run.
+    def write_timings(self, values: Mapping[str, Any], picture: str | None = None) -> None:
+        """Write ``timings.json``, and ``timings.svg``: the only places for what varies from run to run.
 
-        Parameters: as `write_run`.
+        Parameters
+        ----------
+        values : dict
+            Fit for JSON, without NaN.
+        picture : str, optional
+            The same as a picture, SVG.
         """
         self._write_json(TIMINGS, values)
+        if picture is not None:
+            write_bytes(self.timings_picture_path, picture.encode("utf-8"))
 
     def read_run(self) -> dict[str, Any]:
         """Return what ``run.json`` holds; `InputError` if it is missing or damaged.

@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import require_path
+from .._checks import real_array, require_path
 from .._files import PathLike
 from ..datasets import open_sequence
-from ..errors import InputError
+from ..errors import GeometryError, InputError
 from ..io import RunFolder, read_trajectory
 from ..io.trajectory import has_stamps
 from ..types import FloatArray, Trajectory
 from ..vision.evaluate import TrajectoryErrors, evaluate_trajectory
 
 _TEN = 10.0  # m
+_FEWEST = 3  # poses: fewer are not compared
 _NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
 _WORDS = {
@@ -86,6 +87,45 @@ def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0
             "which frame cannot be told; expected both with stamps, a run folder, or as many poses"
         )
     return _by_number(_numbered(estimate), _numbered(reference))
+
+
+def measured(source: object, path: Trajectory) -> tuple[TrajectoryErrors | None, list[dict[str, str]]]:
+    """Compare a path with the true one of its source, if there is one; what does not fit is a warning.
+
+    Parameters
+    ----------
+    source : Source
+        What was processed; some have ``truth``.
+    path : Trajectory
+        Its path.
+
+    Returns
+    -------
+    TrajectoryErrors or None
+        None without a truth that fits, and of a path too short to be compared.
+    list of dict
+        Warnings, each a ``code`` and a ``message``.
+    """
+    if len(path) < _FEWEST:
+        return None, []
+    try:
+        reference = _true_path(source)
+        errors = None if reference is None else evaluate_trajectory(path, reference)
+    except (GeometryError, InputError) as error:
+        return None, [{"code": "truth", "message": f"the path is not compared with the true one ({error})"}]
+    return errors, [{"code": "truth", "message": line} for line in (errors.warnings if errors else ())]
+
+
+def _true_path(source: object) -> Trajectory | None:
+    """True poses of a sequence, by stamp; None if it has none."""
+    truth = getattr(source, "truth", None)
+    if truth is None:
+        return None
+    truth = real_array(truth, "truth", "(n, 4, 4)")
+    stamps = getattr(source, "stamps", None)
+    if stamps is None:
+        stamps = np.arange(len(truth), dtype=np.float64)
+    return Trajectory(real_array(stamps, "stamps", "(n,)").astype(np.float64), truth.astype(np.float64))
 
 
 def _numbered(path: Trajectory) -> Trajectory:
@@ -184,9 +224,8 @@ def _truth(place: Path) -> Trajectory:
 
 
 def _of_sequence(folder: Path) -> Trajectory:
-    sequence = open_sequence(folder)
-    truth = getattr(sequence, "truth", None)
+    truth = _true_path(open_sequence(folder))
     if truth is None:
         wanted = "a sequence with them (KITTI, EuRoC, UTIAS), or a file of them, such as poses.txt"
         raise InputError(f"{folder}: has no true poses, expected {wanted}")
-    return Trajectory(getattr(sequence, "stamps", np.arange(len(truth), dtype=np.float64)), truth)
+    return truth

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
@@ -19,13 +19,18 @@ from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Rig, StereoPair
+from ..vision.evaluate import TrajectoryErrors
 from .config import Resolved, as_resolved
+from .evaluate import describe_errors, measured
 from .map import join_keyframes, stored_keyframes
 from .record import hash_of, machine
 from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
 from .sequence import Step as Step
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
+
+if TYPE_CHECKING:
+    from ..view._report_parts import WholeRun
 
 Progress = Callable[[int, int, str], None]
 OnStep = Callable[[Step], object]
@@ -127,9 +132,9 @@ def run(
             record = _process_all(sequence, progress, on_frame, at)
         finally:
             sequence.session.close()
-        total = time.perf_counter() - started
-        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total} | at.end()
-        folder.write_timings(times | {"machine": machine()})
+        times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": time.perf_counter() - started}
+        times |= at.end()
+        _write_timings(sequence, times)
     return RunResult(Path(out), record, times)
 
 
@@ -192,6 +197,15 @@ class _Stages:
         return {"stages_s": seconds, "frames_anew": anew, "frames_per_s": (anew - 1) / spent if spent else None}
 
 
+def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:
+    """Write the times of what was done; where all was there already, those of the call that did it stay."""
+    from ..view._report_timings import timings_svg
+
+    folder = sequence.folder
+    if sequence.seconds or not folder.timings_picture_path.exists():
+        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
+
+
 def _require_source(source: object) -> None:
     """Refuse what is no sequence of pairs."""
     refuse_path(source, "source", "a sequence of pairs", "tspslam.datasets.open_sequence(path)")
@@ -235,22 +249,30 @@ def _process_all(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    return _write_all(sequence, record, at)
+    errors, said = measured(sequence.source, sequence.trajectory)
+    record |= {"evaluation": describe_errors(errors)} if errors else {}
+    return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
 
 
-def _write_all(sequence: SequenceRun, record: dict[str, Any], at: _Stages) -> dict[str, Any]:
+def _write_all(
+    sequence: SequenceRun, record: dict[str, Any], errors: TrajectoryErrors | None, at: _Stages
+) -> dict[str, Any]:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder = sequence.folder
     frames = [f"frames/{folder.frame_path(row.index).name}" for row in sequence.stored]
     key = hash_of([record, *(folder.units[name].sha256 for name in frames)])
-    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key, at)
+    record = folder.read_run() if _is_finished(folder, key) else _write_results(sequence, record, key, errors, at)
     results = [name for name, unit in folder.units.items() if unit.input == key]
     folder.keep([STATE_NAME, *frames, *(name.replace(".npz", ".json") for name in frames), *results])
     return record
 
 
-def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str, at: _Stages) -> dict[str, Any]:
+def _write_results(
+    sequence: SequenceRun, record: dict[str, Any], key: str, errors: TrajectoryErrors | None, at: _Stages
+) -> dict[str, Any]:
     """All that is made once the path is final; returns the record with what is said of the map."""
+    from .report import describe_whole
+
     at("map")
     folder, trajectory, watch = sequence.folder, sequence.trajectory, Stopwatch()
     paths = [note_landmarks(sequence)]
@@ -264,7 +286,10 @@ def _write_results(sequence: SequenceRun, record: dict[str, Any], key: str, at: 
     record = describe_map(record, made, warnings)
     paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
     shown = read_frame(folder.frame_path(sequence.stored[0].index))
-    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, at=at)
+    places = [row.index for row in sequence.tracked]
+    poses = dict(zip(places, sequence.session.trajectory.T_world_camera, strict=True))
+    whole = describe_whole(folder, record, sequence.session.settings, shown, made=made, poses=poses, errors=errors)
+    write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, whole=whole, at=at)
     return record
 
 
@@ -284,7 +309,7 @@ def _is_finished(folder: RunFolder, key: str) -> bool:
 
 def write_results(
     folder: RunFolder, paths: list[Path], frame: Frame, record: dict[str, Any], key: str,
-    *, made: TopologicalMap | None = None, poses: FloatArray | None = None,
+    *, made: TopologicalMap | None = None, poses: FloatArray | None = None, whole: WholeRun | None = None,
     at: Callable[[str], object] = lambda _: None,
 ) -> None:  # fmt: skip
     """Write maps, pictures, report and ``run.json``; note them and `paths` as finished from input `key`.
@@ -305,22 +330,24 @@ def write_results(
         The map; where there is none, or it is of one keyframe, `frame` is shown as the map.
     poses : (T, 4, 4) float64, optional
         The path; of several, there is a picture too.
+    whole : WholeRun, optional
+        What the report shows of a run besides.
     at : callable, optional
         Called with the name of each stage, "pictures" and "report", where it begins.
     """
     from ..view import pictures, report, write_plan_picture
     from ..view.map_pictures import write_map_pictures
 
-    whole = None if made is None or len(made.keyframes) < 2 else made
-    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if whole is None else whole)
+    of_all = None if made is None or len(made.keyframes) < 2 else made
+    write_maps(folder.map_vtu_path, folder.map_ply_path, frame if of_all is None else of_all)
     at("pictures")
     drawn = pictures.write_pictures(frame, folder.path / "pictures")
     if poses is not None and len(poses) > 1:
         drawn.insert(0, folder.picture_path("path"))
-        write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if whole is None else whole.xyz, drawn[0])
-    drawn += [] if whole is None else write_map_pictures(whole, folder.path / "pictures")
+        write_plan_picture(poses[:, :3, 3], frame.cloud.xyz if of_all is None else of_all.xyz, drawn[0])
+    drawn += [] if of_all is None else write_map_pictures(of_all, folder.path / "pictures")
     run_path = folder.write_run(record)
     at("report")
-    report.write_report(frame, record, drawn, folder.report_path, map_=whole)
+    report.write_report(frame, record, drawn, folder.report_path, map_=of_all, whole=whole)
     for path in (*paths, folder.map_vtu_path, folder.map_ply_path, *drawn, run_path, folder.report_path):
         folder.record(path, input_hash=key)

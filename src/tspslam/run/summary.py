@@ -14,8 +14,8 @@ from ..vision.rig import doubts
 from ..vision.slam.odometry import StereoOdometry
 from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
 
-_LARGE_OFFSET, _SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
-_FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
+LARGE_OFFSET, SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
+FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
 
 
 Warning_ = dict[str, str]
@@ -24,7 +24,7 @@ Warning_ = dict[str, str]
 # frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
 # 0.4; Motorcycle's 12-bit pixels taken for 16-bit ones had 0.069.
 _FEW = 0.08
-_THIN = 0.2  # of the landmarks; of seven recordings and worlds the thinnest has 0.5
+THIN = 0.2  # of the landmarks; of seven recordings and worlds the thinnest has 0.5
 _AREA = 50.0  # px² for each keypoint that a small image should have; ORB finds up to one in 21
 
 
@@ -67,6 +67,8 @@ def summarize_run(
         "keyframes": sum(row.is_keyframe for row in tracked),
         "landmarks": len(odometry.map.xyz) if odometry else 0,
         "loops": odometry.loops if odometry else 0,
+        "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.loop_closures] if odometry else [],
+        "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],
         "complex": _sizes(stored),
         "defined": defined,
         "calibration": _calibration(stored, odometry if len(tracked) > 1 else None) | bits,
@@ -135,7 +137,7 @@ def doubts_of_map(made: TopologicalMap, landmarks: int) -> Iterator[Warning_]:
             "where they stand to one another is a guess"
         )
         yield {"code": "map_parts", "message": message}
-    if len(made) < _THIN * landmarks:
+    if len(made) < THIN * landmarks:
         message = f"the map has {len(made)} vertices for {landmarks} landmarks: few of these are seen by two keyframes"
         yield {"code": "thin_map", "message": message}
 
@@ -277,15 +279,33 @@ def _few_points(tracked: list[FrameRecord], session: Session) -> Iterator[Warnin
         yield {"code": "few_points", "message": message}
 
 
+def depth_seen(rig: Rig, offset: float) -> float:
+    """Depth at which a point 10 m away is seen where all disparities are off.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    offset : float
+        Measured less true disparity, px.
+
+    Returns
+    -------
+    float
+        m.
+    """
+    beyond = rig.fx * rig.baseline
+    return float(beyond / max(beyond / FAR + offset, beyond / _FARTHEST))
+
+
 def _offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
     """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
-    if abs(offset) <= max(_LARGE_OFFSET, _SURE * std):
+    if abs(offset) <= max(LARGE_OFFSET, SURE * std):
         return
-    beyond = rig.fx * rig.baseline
-    seen = beyond / max(beyond / _FAR + offset, beyond / _FARTHEST)
     message = (
         f"disparities are off by {offset:+.2f} ± {std:.2g} px, as the motion tells; expected less than "
-        f"{_LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {_FAR:g} m are {seen:.3g} m; "
+        f"{LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {FAR:g} m are "
+        f"{depth_seen(rig, offset):.3g} m; "
         "in path and landmarks the offset is taken off"
     )
     yield {"code": "disparity_offset", "message": message}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import html
 import io
+import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,9 +22,14 @@ from ._page import STYLE
 CITATION = (
     "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
 )
+# Pictures: those within the page, and what lies beside it in a run folder.
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
-    "form-action 'none'"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src 'self' file: data:; "
+    "base-uri 'none'; form-action 'none'"
+)
+# Control characters, marks that turn the direction of writing, and halves of characters: shown, never obeyed.
+_OBEYED = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u202a-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
 )
 
 
@@ -33,10 +40,18 @@ def page_of(title: str, sections: Sequence[str]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
-        f"<title>{text(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        f"<title>{text(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        '<a class="skip" href="#main">Skip to the content</a>\n<main id="main" tabindex="-1">\n'
         + "\n".join(section for section in sections if section)
         + f"\n</main>\n<footer><p>tspslam {text(__version__)}</p><p>{CITATION}</p></footer>\n</body>\n</html>\n"
     )
+
+
+def contents(sections: Sequence[str]) -> str:
+    """Links to the sections of a page, by their headings; nothing where there are few."""
+    found = [re.search(r'<h2 id="([a-z]+)">(.*?)</h2>', section) for section in sections]
+    links = [f'<li><a href="#{each[1]}">{each[2]}</a></li>' for each in found if each]
+    return f'<nav aria-label="On this page"><ul>{"".join(links)}</ul></nav>' if len(links) > 2 else ""
 
 
 def tiles(numbers: Sequence[tuple[str, Any]]) -> str:
@@ -76,8 +91,31 @@ def shown_value(value: Any) -> str:
 
 
 def text(value: Any) -> str:
-    """Anything as text of the page."""
-    return html.escape(str(value))
+    r"""Anything as text of the page; characters that a page would obey, and not show, as their escapes.
+
+    Examples
+    --------
+    >>> text("<b>\u202etxt.exe")
+    '&lt;b&gt;\\u202etxt.exe'
+    """
+    return html.escape(plain(value))
+
+
+def plain(value: Any) -> str:
+    """Anything as text that a script of the page shows."""
+    return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", str(value))
+
+
+def data_of(values: Any) -> str:
+    r"""Plain values as JSON within a script of the page, which no text in them can close.
+
+    Examples
+    --------
+    >>> data_of({"name": "</script>"})
+    '{"name":"\\u003c/script\\u003e"}'
+    """
+    said = json.dumps(values, separators=(",", ":"), allow_nan=False)
+    return said.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _embedded(path: Path, is_small: bool) -> tuple[str, int, int]:

@@ -1,16 +1,16 @@
-"""What the report says of a map: numbers, the surface to turn, pictures."""
+"""What the report says of a map: the surface to turn, with the path over it, and numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..topological_map import TopologicalMap
-from ._html import figures, tiles
+from ._html import tiles
 from ._map import check_map
+from ._space import Others, Station
 from ._turning import map_to_turn
 
 MAP_CAPTIONS = {
@@ -38,17 +38,27 @@ MAP_CAPTIONS = {
 OFTEN = 3  # observations of a landmark that is seen often
 
 
-def map_section(map_: TopologicalMap, pictures: Sequence[Path]) -> str:
-    """Make the section of a map, which must be whole."""
+def map_section(map_: TopologicalMap, stations: Sequence[Station] = (), others: Others = ()) -> str:
+    """Make the section of a map, which must be whole: the surface to turn with the path over it, and its numbers.
+
+    Parameters
+    ----------
+    map_ : TopologicalMap
+        The map.
+    stations : sequence of Station
+        Where each frame was taken, and how that went.
+    others : sequence of (words, (T, 3) float64)
+        Other paths, such as the true one, m.
+    """
     check_map(map_)
     words = (
         "All keyframes in one simplicial complex: every vertex is a landmark, every face knows its luminance from all "
-        "views. The numbers and pictures of this section are of the whole run."
+        "views."
     )
     return (
-        f'<section class="scene"><h2>The map</h2><p class="quiet">{words}</p>{tiles(map_numbers(map_))}'
-        f'<h2>The map in space</h2>{map_to_turn(map_)}</section><section class="pictures"><h2>Pictures of the map</h2>'
-        f"{figures(pictures, MAP_CAPTIONS, is_small=True)}</section>"
+        f'<section class="scene" aria-labelledby="map"><h2 id="map">The map and the path</h2>'
+        f'<p class="quiet">{words}</p>'
+        f"{map_to_turn(map_, stations=stations, others=others)}{tiles(map_numbers(map_))}</section>"
     )
 
 

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML page with its numbers, the mesh to turn, and the pictures; no request is made."""
+"""The report of a run: one HTML page on how it went, what came out, and where to look; nothing is loaded from afar."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from .._atomic import make_folder, write_bytes
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ._frame import check_frame
-from ._html import figures, page_of, shown_value, text, tiles
+from ._html import contents, figures, page_of, shown_value, text, tiles
 from ._map_section import MAP_CAPTIONS, map_section
+from ._report_advice import missing_section, warnings_section, why_degraded
+from ._report_gallery import gallery_section
+from ._report_health import health_section
+from ._report_parts import WholeRun
+from ._report_path import path_section, true_path
+from ._report_strip import strip_section
+from ._report_tables import TOLD, is_table, numbers_section, settings_section
+from ._report_timings import timings_section
+from ._space import Station
 from ._turning import frame_to_turn
 
-LONG_TABLE = 14  # rows; longer ones are folded
-FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
-UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
-NAMES = {"n": "vertices", "euler": "Euler_characteristic"}
 CAPTIONS = {
     "path": (
         "Path",
@@ -63,24 +68,27 @@ CAPTIONS = {
 
 
 def write_report(
-    frame: Frame,
+    frame: Frame | None,
     run: Mapping[str, Any],
     pictures: Sequence[Path],
     path: str | Path,
     *,
     map_: TopologicalMap | None = None,
+    whole: WholeRun | None = None,
 ) -> Path:
-    """Write a report as one HTML file that loads nothing from anywhere.
+    """Write a report as one HTML file that asks nobody for anything.
 
-    It shows the numbers of the run, the mesh of `frame` to turn and to switch between signals, and the pictures. Of a
-    run of several frames the headline is the run's, and it is said which frame the mesh is of; with a map, the map is
-    there to turn, and stands before what is shown of the frame. A content security policy in the page forbids every
-    request. One set of versions gives the same input the same bytes.
+    It says how the run went and what to do about its warnings, and shows the map (or the mesh of `frame`) to turn and
+    to switch between signals; of a whole run also how each frame went, its path against the true one, whether the
+    calibration fits, where the time went, and frames to page through; then the pictures and the numbers. A content
+    security policy in the page forbids every request but for pictures that lie beside it. One set of versions gives
+    the same input the same bytes.
 
     Parameters
     ----------
-    frame : Frame
-        The frame to show; of several, the selected one. Signals and responses with channels show their mean.
+    frame : Frame or None
+        The frame to show; of several, the selected one. Signals and responses with channels show their mean. None if
+        there is none that can be read.
     run : mapping
         Numbers of the run: what ``run.json`` holds, or others. ``frames`` over 1 makes it a run of several. Plain
         values become rows of one table, a mapping a table of its own, a list of mappings a
@@ -92,6 +100,8 @@ def write_report(
         The HTML file.
     map_ : TopologicalMap, optional
         The map of a run of several frames.
+    whole : WholeRun, optional
+        What else is known of a run: states of its frames, poses, errors, findings, settings, images, times.
 
     Returns
     -------
@@ -120,22 +130,43 @@ def write_report(
     ...     page.read_text(encoding="utf-8")[:15]
     '<!DOCTYPE html>'
     """
-    check_frame(frame)
-    of_map = [picture for picture in pictures if map_ is not None and Path(picture).stem in MAP_CAPTIONS]
-    sections = [
-        _header(frame, run),
-        _warnings(run.get("warnings") or []),
-        "" if map_ is None else map_section(map_, of_map),
-        _shown(frame, run, with_scene=map_ is None),
-        frame_to_turn(frame) if map_ is None else "",
-        _numbers(run, folded=False),
-        _pictures([picture for picture in pictures if picture not in of_map], is_small=map_ is not None),
-        _numbers(run, folded=True),
-    ]
-    words = page_of(f"TSP-SLAM report: {_title(frame, run)}", sections)
+    if frame is not None:
+        check_frame(frame)
+    sections = _sections(frame, run, pictures, map_, whole or WholeRun(), is_whole=whole is not None)
+    words = page_of(f"TSP-SLAM report: {_title(frame, run)}", [sections[0], contents(sections[1:]), *sections[1:]])
     make_folder(Path(path).parent)
     write_bytes(path, words.encode("utf-8", "replace"))
     return Path(path)
+
+
+def _sections(
+    frame: Frame | None, run: Mapping[str, Any], pictures: Sequence[Path], map_: TopologicalMap | None, whole: WholeRun,
+    *, is_whole: bool,
+) -> list[str]:  # fmt: skip
+    """All sections in order, of which some are empty."""
+    states = {state.frame: state.state for state in whole.states}
+    stations = [Station(index, T, states.get(index, "tracked")) for index, T in whole.poses.items()]
+    told = TOLD if is_whole else frozenset({"status", "warnings"})
+    return [
+        _header(frame, run),
+        warnings_section(run.get("warnings") or []),
+        missing_section(whole.missing),
+        _mesh(frame) if map_ is None else map_section(map_, stations, true_path(whole.errors)),
+        strip_section(whole.states),
+        path_section(run.get("evaluation"), whole.errors),
+        health_section(whole.findings),
+        timings_section(whole.timings),
+        gallery_section(whole.shots, whole.stored),
+        _pictures(frame, run, pictures, has_map=map_ is not None),
+        settings_section(whole.settings, is_run=is_whole),
+        numbers_section(run, folded=False, told=told),
+        numbers_section(run, folded=True, told=told),
+    ]
+
+
+def _mesh(frame: Frame | None) -> str:
+    """The mesh of a frame to turn, if there is one."""
+    return "" if frame is None else frame_to_turn(frame)
 
 
 def _is_of_several(run: Mapping[str, Any]) -> bool:
@@ -143,8 +174,10 @@ def _is_of_several(run: Mapping[str, Any]) -> bool:
     return isinstance(frames, int) and frames > 1
 
 
-def _title(frame: Frame, run: Mapping[str, Any]) -> str:
-    return str(run.get("source", frame.name)) if _is_of_several(run) else frame.name
+def _title(frame: Frame | None, run: Mapping[str, Any]) -> str:
+    if frame is None or _is_of_several(run):
+        return str(run.get("source", "run" if frame is None else frame.name))
+    return frame.name
 
 
 def _sizes(frame: Frame) -> list[tuple[str, Any]]:
@@ -162,106 +195,41 @@ def _counts(run: Mapping[str, Any]) -> list[tuple[str, Any]]:
     """How a run of several frames went."""
     counts = {key: run[key] for key in ("frames", "tracked", "keyframes", "landmarks", "loops") if key in run}
     rows = run.get("per_frame")
-    if _is_table(rows) and isinstance(rows, list):
+    if is_table(rows) and isinstance(rows, list) and _is_of_several(run):
         counts |= {"lost": sum(bool(row.get("is_lost")) for row in rows), "skipped": run["frames"] - len(rows)}
     order = ("frames", "tracked", "lost", "skipped", "keyframes", "landmarks", "loops")
     return [(key, counts[key]) for key in order if key in counts]
 
 
-def _shown(frame: Frame, run: Mapping[str, Any], *, with_scene: bool) -> str:
-    """Which of several frames the rest of the page shows, and its sizes."""
-    if not _is_of_several(run):
-        return ""
-    what, frames = "The mesh in space, and the pictures" if with_scene else "The pictures below", run["frames"]
-    return (
-        f'<section><h2>Frame {text(frame.name)}</h2><p class="quiet">{what} but for the '
-        f"path, are of this one of {shown_value(frames)} frames; the numbers above and the tables are of the run."
-        f"</p>{tiles(_sizes(frame))}</section>"
-    )
-
-
-def _header(frame: Frame, run: Mapping[str, Any]) -> str:
-    numbers = _counts(run) if _is_of_several(run) else _sizes(frame)
+def _header(frame: Frame | None, run: Mapping[str, Any]) -> str:
+    numbers = _counts(run) if frame is None or _is_of_several(run) else _sizes(frame)
     status = str(run.get("status", ""))
     tone = "good" if status == "complete" else "note"
     badge = f'<span class="badge {tone}">{text(status)}</span>' if status else ""
     return (
         f'<header><p class="kicker">TSP-SLAM report</p><h1>{text(_title(frame, run))}{badge}</h1>'
-        f"{tiles(numbers)}</header>"
+        f"{tiles(numbers)}{why_degraded(run)}</header>"
     )
 
 
-def _warnings(warnings: Any) -> str:
-    items = []
-    for warning in warnings if isinstance(warnings, list | tuple) else [warnings]:
-        if isinstance(warning, Mapping):
-            items.append(f"<li><b>{text(warning.get('code', 'warning'))}</b> {text(warning.get('message', ''))}</li>")
-        else:
-            items.append(f"<li>{text(warning)}</li>")
-    return f'<section class="warnings"><h2>Warnings</h2><ul>{"".join(items)}</ul></section>' if items else ""
-
-
-def _numbers(run: Mapping[str, Any], *, folded: bool) -> str:
-    tables: list[tuple[str, list[list[Any]], list[str]]] = []
-    plain = {key: value for key, value in run.items() if not _is_table(value) and key not in ("warnings", "status")}
-    if plain:
-        tables.append(("run", [[k, v] for k, v in plain.items()], []))
-    for key, value in run.items():
-        if isinstance(value, Mapping) and value:
-            tables.append((key, [[k, v] for k, v in _flat(value)], []))
-        elif _is_table(value) and value and key != "warnings":
-            columns = list(dict.fromkeys(str(k) for row in value for k in row))
-            tables.append((key, [[row.get(c) for c in columns] for row in value], columns))
-    chosen = [table for table in tables if _is_folded(table[0], table[1]) == folded]
-    chosen.sort(key=lambda table: bool(table[2]))
-    cards = [_card(*table, folded=folded) for table in chosen]
-    if not cards:
+def _pictures(frame: Frame | None, run: Mapping[str, Any], paths: Sequence[Path], *, has_map: bool) -> str:
+    """The map's pictures, then those of the frame, which is named where there are several."""
+    of_map = [path for path in paths if has_map and Path(path).stem in MAP_CAPTIONS]
+    others = [path for path in paths if path not in of_map]
+    shown = figures([*of_map, *others], CAPTIONS | MAP_CAPTIONS, is_small=has_map)
+    if not shown and not (frame is not None and _is_of_several(run)):
         return ""
-    return f'<section><h2>{"Details" if folded else "Numbers"}</h2><div class="cards">{"".join(cards)}</div></section>'
+    return (
+        f'<section class="pictures" aria-labelledby="pictures"><h2 id="pictures">Pictures</h2>'
+        f"{_of_which(frame, run)}{shown}</section>"
+    )
 
 
-def _is_table(value: Any) -> bool:
-    rows = isinstance(value, list | tuple) and len(value) > 0 and all(isinstance(row, Mapping) for row in value)
-    return isinstance(value, Mapping) or rows
-
-
-def _is_folded(key: str, rows: list[list[Any]]) -> bool:
-    return key in FOLDED or len(rows) > LONG_TABLE
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    pairs: list[tuple[str, Any]] = []
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            pairs += _flat(value, f"{prefix}{key}.")
-        else:
-            pairs.append((f"{prefix}{key}", value))
-    return pairs
-
-
-def _card(key: str, rows: list[list[Any]], columns: list[str], *, folded: bool) -> str:
-    if columns:
-        head = "<thead><tr>" + "".join(f'<th scope="col">{_label(c)}</th>' for c in columns) + "</tr></thead>"
-        body = "".join("<tr>" + "".join(f"<td>{shown_value(v)}</td>" for v in row) + "</tr>" for row in rows)
-    else:
-        head = ""
-        body = "".join(f'<tr><th scope="row">{_label(k)}</th><td>{shown_value(v)}</td></tr>' for k, v in rows)
-    table = f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
-    wide = " wide" if columns else ""
-    if folded:
-        return (
-            f'<details class="card{wide}"><summary>{_label(key)} <small>{len(rows)}</small></summary>{table}</details>'
-        )
-    return f'<div class="card{wide}"><h3>{_label(key)}</h3>{table}</div>'
-
-
-def _label(key: Any) -> str:
-    """A key in words, with its unit: ``vertical_offset_px`` becomes "vertical offset [px]"."""
-    words = NAMES.get(str(key), str(key)).split("_")
-    unit = UNITS.get(words[-1].lower()) if len(words) > 1 else None
-    return text(f"{' '.join(words[:-1])} [{unit}]" if unit else " ".join(words))
-
-
-def _pictures(paths: Sequence[Path], *, is_small: bool) -> str:
-    shown = figures(paths, CAPTIONS | MAP_CAPTIONS, is_small=is_small)
-    return f'<section class="pictures"><h2>Pictures</h2>{shown}</section>' if shown else ""
+def _of_which(frame: Frame | None, run: Mapping[str, Any]) -> str:
+    """Which of several frames the pictures show, and its sizes."""
+    if frame is None or not _is_of_several(run):
+        return ""
+    return (
+        f'<p class="quiet">Pictures of the path and of the map are of the whole run, the others of frame '
+        f"{text(frame.name)}, one of {shown_value(run['frames'])}:</p>{tiles(_sizes(frame))}"
+    )

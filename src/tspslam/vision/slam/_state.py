@@ -18,13 +18,14 @@ from ..se3 import inverse
 from .map import Keyframe, Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
-# were merged, d 64-bit parts of a descriptor.
+# were merged, c loops, d 64-bit parts of a descriptor.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
     "anchored": ("<f8", ("t", 4, 4)),
     "poses": ("<f8", (2, 4, 4)),
-    "counts": ("<i8", (5,)),
+    "counts": ("<i8", (4,)),
+    "closures": ("<i8", ("c", 2)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),
@@ -179,11 +180,14 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a keyframe is no frame"
     if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
         yield "a frame hangs on no keyframe"
-    wanted, lost, unsolved, loops, asked = state["counts"].tolist()
-    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved, loops) >= 0 and 0 <= asked <= 1):
+    wanted, lost, unsolved, asked = state["counts"].tolist()
+    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
         yield "a count is negative or too large"
-    if max(lost, unsolved, loops) > count:
+    if max(lost, unsolved, len(state["closures"])) > count:
         yield "more was lost or closed than there are frames"
+    frame, earlier = state["closures"].T
+    if (np.diff(frame) <= 0).any() or not ((earlier >= 0) & (earlier < frame) & (frame < count)).all():
+        yield "a loop was closed at a frame that is none, or out of order"
 
 
 def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:

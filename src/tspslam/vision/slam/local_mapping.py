@@ -199,8 +199,8 @@ class LocalMapper:
         Offset of the disparities.
     expected : int
         Landmarks of the last keyframe when it was added.
-    loops : int
-        Loops closed.
+    closures : list of (int, int)
+        Loops closed: number of the frame, and that of the keyframe that it came back to.
     unsolved : int
         Adjustments that had no solution.
     """
@@ -208,7 +208,8 @@ class LocalMapper:
     def __init__(self, map_: Map, places: PlaceRecognition, *, sigma_disparity: float, sigma_offset: float) -> None:
         self.map, self._places, self._rig = map_, places, map_.rig
         self.sigma_disparity, self.bias = sigma_disparity, DisparityBias(sigma_offset, map_.window)
-        self.expected = self.loops = self.unsolved = 0
+        self.expected = self.unsolved = 0
+        self.closures: list[tuple[int, int]] = []
         self._worker = Worker()
         self._asked: tuple[AdjustmentProblem, Future[Adjustment]] | None = None
 
@@ -246,7 +247,7 @@ class LocalMapper:
         T, image = T_world_camera, images.left_image
         keypoints = Keypoints(stereo.left.uv, stereo.disparity, binary_descriptors(stereo.left.descriptor))
         if estimate is not None:
-            estimate = self._close_loop(image.pyramid, replace(estimate, T_world_camera=T), keypoints, measure)
+            estimate = self._close_loop(index, image.pyramid, replace(estimate, T_world_camera=T), keypoints, measure)
             T = estimate.T_world_camera
         self.map.add(index, T, (image.pyramid, np.array(image.grey)), estimate, keypoints)
         self.expected = len(self.map.keyframes[-1].landmark)
@@ -254,7 +255,7 @@ class LocalMapper:
         return T
 
     def _close_loop(
-        self, image: Pyramid, estimate: PoseEstimate, keypoints: Keypoints,
+        self, index: int, image: Pyramid, estimate: PoseEstimate, keypoints: Keypoints,
         measure: Callable[[PoseEstimate], FloatArray],
     ) -> PoseEstimate:  # fmt: skip
         """The estimate with what is seen again of old places; where the map has drifted, the error is distributed."""
@@ -265,7 +266,8 @@ class LocalMapper:
         again = replace(loop.estimate, disparity=measure(loop.estimate))
         if loop.drift > self._places.loops.min_error:
             distribute_loop_error(self.map, loop.place, normalised(again.T_world_camera @ inverse(T)), T)
-            T, self.loops = again.T_world_camera, self.loops + 1
+            T = again.T_world_camera
+            self.closures.append((index, self.map.keyframes[loop.place].index))
         return self._places.merge_observations(again, replace(estimate, T_world_camera=T), self.sigma_disparity)
 
     def start_adjustment(self) -> None:

@@ -259,7 +259,12 @@ class StereoOdometry:
     @property
     def loops(self) -> int:
         """How many loops were closed."""
-        return self.mapper.loops
+        return len(self.mapper.closures)
+
+    @property
+    def loop_closures(self) -> tuple[tuple[int, int], ...]:
+        """Of each loop the number of its frame, and that of the keyframe that the camera came back to."""
+        return tuple(self.mapper.closures)
 
     @property
     def unsolved(self) -> int:
@@ -395,13 +400,14 @@ class StereoOdometry:
             As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
-        counts = mapper.expected, path.lost, mapper.unsolved, mapper.loops, mapper.is_adjusting
+        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting
         state = map_state(self.map) | {
             "stamps": np.array(path.stamps),
             "anchors": np.array([index for index, _ in path.anchors], np.int64),
             "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
+            "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
@@ -430,7 +436,8 @@ class StereoOdometry:
         path.stamps = state["stamps"].tolist()
         path.anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
         path.pose, path.motion = state["poses"]
-        mapper.expected, path.lost, mapper.unsolved, mapper.loops, was_adjusting = state["counts"].tolist()
+        mapper.expected, path.lost, mapper.unsolved, was_adjusting = state["counts"].tolist()
+        mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
         if was_adjusting:  # what was under way began from this very map
