@@ -1,0 +1,143 @@
+"""A door before viser, which knows no password: whoever comes from another machine shows the token of the address.
+
+The first request carries it as ``/?token=...``, gets it back as a cookie and is sent to ``/``; what comes
+without either gets one sentence and nothing of viser.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hmac
+import ipaddress
+import re
+import secrets
+import socket
+import socketserver
+import threading
+from urllib.parse import parse_qs, urlsplit
+
+_LARGEST = 1 << 16  # bytes of a request's head
+_PATIENCE = 10.0  # s for it to come
+_BLOCK = 1 << 16
+_LINE = re.compile(rb"([A-Z]+) (\S+) HTTP/1\.[01]")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach an address.
+
+    Examples
+    --------
+    >>> [is_loopback(host) for host in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "192.168.0.7")]
+    [True, True, True, False, False]
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+class Gate:
+    """Listens at an address, and hands those who know the token on to a port of this machine."""
+
+    def __init__(self, host: str, port: int, inner: int) -> None:
+        self.token = secrets.token_urlsafe(24)
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        gate = self
+
+        class Door(socketserver.BaseRequestHandler):
+            """One connection."""
+
+            def handle(self) -> None:
+                """Let it in, or not; a connection that breaks is over."""
+                with contextlib.suppress(OSError):
+                    gate._answer(self.request, inner)
+
+        class Server(socketserver.ThreadingTCPServer):
+            """One thread a connection."""
+
+            address_family, allow_reuse_address, daemon_threads, block_on_close = family, True, True, False
+
+        self._server = Server((host, port), Door)
+        self.port: int = self._server.server_address[1]
+        self._cookie = f"tspslam_{self.port}"
+        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def _answer(self, guest: socket.socket, inner: int) -> None:
+        guest.settimeout(_PATIENCE)
+        head, rest = _read_head(guest)
+        found = _LINE.match(head)
+        if found and found[1] == b"GET" and self._is_right(_token_in(found[2])):
+            cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+            _reply(guest, "303 See Other", "", f"Location: /\r\nSet-Cookie: {cookie}\r\n")
+        elif found and self._is_right(_cookies(head).get(self._cookie, "")) and _is_same_site(head):
+            guest.settimeout(None)
+            with socket.create_connection(("127.0.0.1", inner)) as server:
+                server.sendall(head + rest)
+                _pump_both(guest, server)
+        else:
+            _reply(guest, "403 Forbidden", "This viewer needs the token of the address that tspslam printed.\n")
+
+    def _is_right(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode(), self.token.encode())
+
+
+def _read_head(guest: socket.socket) -> tuple[bytes, bytes]:
+    """The head of a request, with its empty line, and what came after it."""
+    data = b""
+    while b"\r\n\r\n" not in data and len(data) < _LARGEST:
+        block = guest.recv(_BLOCK)
+        if not block:
+            break
+        data += block
+    head, line, rest = data.partition(b"\r\n\r\n")
+    return head + line, rest
+
+
+def _token_in(target: bytes) -> str:
+    return parse_qs(urlsplit(target.decode("latin-1")).query).get("token", [""])[0]
+
+
+def _headers(head: bytes, name: str) -> list[str]:
+    lines = (line.partition(":") for line in head.decode("latin-1").split("\r\n")[1:])
+    return [value.strip() for key, _, value in lines if key.strip().lower() == name]
+
+
+def _cookies(head: bytes) -> dict[str, str]:
+    pairs = (each.strip().partition("=") for line in _headers(head, "cookie") for each in line.split(";"))
+    return {name: value for name, _, value in pairs}
+
+
+def _is_same_site(head: bytes) -> bool:
+    """Whether a page of this very address asks, where a browser says which page does."""
+    origins, hosts = _headers(head, "origin"), _headers(head, "host")
+    return len(hosts) == 1 and all(urlsplit(origin).netloc == hosts[0] for origin in origins)
+
+
+def _reply(guest: socket.socket, status: str, text: str, more: str = "") -> None:
+    body = text.encode()
+    head = f"HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {len(body)}\r\n"
+    guest.sendall(f"{head}Connection: close\r\nCache-Control: no-store\r\n{more}\r\n".encode() + body)
+
+
+def _pump_both(guest: socket.socket, server: socket.socket) -> None:
+    """Carry bytes both ways until one side ends."""
+    back = threading.Thread(target=_pump, args=(server, guest), daemon=True)
+    back.start()
+    _pump(guest, server)
+    back.join()
+
+
+def _pump(source: socket.socket, target: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while block := source.recv(_BLOCK):
+            target.sendall(block)
+    for each in (source, target):
+        with contextlib.suppress(OSError):
+            each.shutdown(socket.SHUT_RDWR)

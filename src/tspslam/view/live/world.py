@@ -1,0 +1,54 @@
+"""What the viewer is told of a run: where the cameras are, the map once there is one, and what cannot be shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from ..._brief import Brief
+from ...topological_map import TopologicalMap
+from ...types import FloatArray
+
+State = Literal["keyframe", "tracked", "lost"]
+
+
+class Station(NamedTuple):
+    """Where one frame was taken: its number, its (4, 4) pose ``T_world_camera``, m, and what became of it."""
+
+    number: int
+    T_world_camera: FloatArray
+    state: State
+
+
+@dataclass(frozen=True, repr=False)
+class World(Brief):
+    """A run as it is now.
+
+    Attributes
+    ----------
+    name : str
+        What to call it.
+    said : str
+        How far it is, in words.
+    is_live : bool
+        Whether it goes on.
+    stations : tuple of Station
+        Frames with a pose, by number.
+    stored : tuple of int
+        Numbers of the frames that can be asked for, ascending.
+    map_ : TopologicalMap or None
+        Its map, once there is one of two keyframes or more.
+    loops : tuple of (int, int)
+        Frames between which a loop was closed.
+    missing : tuple of str
+        What cannot be shown, and why.
+    """
+
+    name: str
+    said: str
+    is_live: bool
+    stations: tuple[Station, ...] = ()
+    stored: tuple[int, ...] = ()
+    map_: TopologicalMap | None = None
+    loops: tuple[tuple[int, int], ...] = ()
+    missing: tuple[str, ...] = ()
