@@ -18,10 +18,10 @@ from ..topological_map import TopologicalMap
 from ..types import BoolArray, FloatArray, Rig
 from ._frame import CLIP_MARGIN, in_view
 from ._layers import BARE, Layer, layers_of_frame, layers_of_map, steps_of, table, ticks_of
+from ._report_parts import State
 from ._thinning import MOST_FACES, Kept, kept
 from ._viewpoints import KEPT_PERCENT, downward, is_overhead
 
-State = Literal["keyframe", "tracked", "weak", "lost", "loop"]
 STATES: tuple[State, ...] = get_args(State)
 CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and all is shown at once
 MAP_EYE = (-0.85, 1.3, -1.15)  # right, up, forward: behind the start, to its left, high above
