@@ -6,7 +6,7 @@ import base64
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from ._report_parts import State
 from ._thinning import MOST_FACES, Kept, kept
 from ._viewpoints import KEPT_PERCENT, downward, is_overhead
 
-STATES: tuple[State, ...] = get_args(State)
+STATES: tuple[State, ...] = ("keyframe", "tracked", "weak", "lost", "loop")  # their numbers in scene.js
 CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and all is shown at once
 MAP_EYE = (-0.85, 1.3, -1.15)  # right, up, forward: behind the start, to its left, high above
 FRAME_EYE = (-0.42, 0.3, -0.86)  # behind the camera, to its left, above it
