@@ -15,7 +15,9 @@ from ._shared import ForceOption, JsonOption, SetOption, app, check_suffix
 @app.command("export")
 def export_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
-    to: Annotated[str, typer.Option("--to", help="vtu, ply, npz, glb, pvd, las, laz or tensors.")] = "vtu",
+    to: Annotated[
+        str, typer.Option("--to", help="vtu, ply, npz, glb, pvd, las, laz, tensors, colmap, nerfstudio, rrd, bag.")
+    ] = "vtu",
     frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map].")] = None,
     layer: Annotated[str | None, typer.Option(help="What gives the colours of glb, las and laz.")] = None,
     output: Annotated[

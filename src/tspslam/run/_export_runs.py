@@ -7,7 +7,10 @@ from functools import cached_property
 from pathlib import Path
 
 from .._files import bad_input
+from ..io.bag import write_bag
+from ..io.colmap import write_colmap
 from ..io.frames import read_frame_image
+from ..io.nerfstudio import write_nerfstudio
 from ..io.runfolder import RunFolder
 from ..io.runs import StoredRun, load_run
 from ..io.topological import load_map
@@ -82,3 +85,35 @@ def load_run_data(run: Path) -> RunData:
         told = f"has {len(rows)} rows of frames, and a path of {len(data.trajectory)} poses"
         raise bad_input(run, told, "one for each")
     return data
+
+
+def write_model(run: Path, folder: Path) -> None:
+    """Write a run as a COLMAP model.
+
+    Parameters
+    ----------
+    run : path
+        The run folder.
+    folder : path
+        Where to: not there yet, or empty.
+    """
+    data = load_run_data(run)
+    write_colmap(folder, data.map_, data.image_of)
+
+
+def write_transforms(run: Path, folder: Path) -> None:
+    """Write a run for nerfstudio.
+
+    Parameters: as `write_model`.
+    """
+    data = load_run_data(run)
+    write_nerfstudio(folder, data.map_, data.image_of)
+
+
+def write_path(run: Path, folder: Path) -> None:
+    """Write the path of a run, and its landmarks, as a bag of ROS 2.
+
+    Parameters: as `write_model`.
+    """
+    data = load_run_data(run)
+    write_bag(folder, data.trajectory, data.map_)

@@ -11,11 +11,13 @@ from typing import Any
 from ..errors import InputError
 from ..io import RunFolder
 from ..io._new_folder import fill_folder
+from ._export_runs import write_model, write_path, write_transforms
 from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series
 from .config import resolve
 from .given import file_kind, shown_of_run, write_shown
 from .guard import EXPORTS, MAPS, Kind, check_new_folder, check_place
 from .map import join_keyframes, stored_keyframes
+from .rrd import export_rrd
 
 OURS = ("vtu", "ply", "npz")
 """Formats that `write_shown` knows, and `export_map_anew` writes."""
@@ -53,6 +55,10 @@ def _write_ours(kind: str, given: Exported, target: Path) -> None:
     write_shown(given.shown, target, kind, [given.path], is_forced=True)
 
 
+def _write_whole(write: Callable[[Path, Path], None], given: Exported, target: Path) -> None:
+    write(given.path, target)
+
+
 FORMATS = {
     each.name: each
     for each in (
@@ -62,6 +68,10 @@ FORMATS = {
         Format("las", write_cloud, ".las", EXPORTS["las"], has_frames=True, has_layers=True),
         Format("laz", write_cloud, ".laz", EXPORTS["laz"], has_frames=True, has_layers=True),
         Format("tensors", write_numbers, ".npz", EXPORTS["tensors"], has_frames=True),
+        Format("colmap", partial(_write_whole, write_model)),
+        Format("nerfstudio", partial(_write_whole, write_transforms)),
+        Format("rrd", partial(_write_whole, export_rrd), ".rrd", EXPORTS["rrd"]),
+        Format("bag", partial(_write_whole, write_path)),
     )
 }
 """Formats by name: one row each."""

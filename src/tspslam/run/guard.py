@@ -58,6 +58,7 @@ EXPORTS = {
     "glb": Kind("binary glTF", (".glb",), rb"glTF\x02\0\0\0"),
     "las": Kind("LAS", (".las",), rb"LASF"),
     "laz": Kind("LAZ", (".laz",), rb"LASF"),
+    "rrd": Kind("recording of rerun", (".rrd",), rb"RRF"),
     "tensors": Kind("file of tensors of ours", (".npz",), rb"PK\x03\x04.{26}magic\.npy.{,200}tspslam tensors"),
 }
 PAGE = Kind("HTML", (".html",), rb"<!DOCTYPE html>")
