@@ -206,7 +206,8 @@ class Viewing:
         self._waiting: deque[Frame] = deque(maxlen=_WAITING)
         self._came = threading.Condition()
         self._process = _start(folder, host, port)
-        threading.Thread(target=self._send, daemon=True).start()
+        self._sender = threading.Thread(target=self._send, daemon=True)
+        self._sender.start()
 
     def __call__(self, frame: Frame) -> None:
         """Hand a frame on; nothing is waited for.
@@ -233,6 +234,8 @@ class Viewing:
     def close(self) -> None:
         """End the viewer, whatever state it is in."""
         self._is_over = True
+        with self._came:
+            self._came.notify()
         for end in (self._process.terminate, self._process.kill):
             with contextlib.suppress(OSError):
                 end()
@@ -241,20 +244,24 @@ class Viewing:
             except subprocess.TimeoutExpired:
                 continue
             break
+        self._sender.join()  # which cannot be writing: nobody reads
 
     def _send(self) -> None:
         """Encode and send what waits, as fast as the viewer takes it."""
         pipe = self._process.stdin
         assert pipe is not None
-        with contextlib.suppress(OSError, ValueError):  # the viewer is gone: the run goes on
-            while not self._is_over:
-                with self._came:
-                    while not self._waiting:
-                        self._came.wait()
-                    frame = self._waiting.popleft()
+        with pipe, contextlib.suppress(BrokenPipeError):  # the viewer is gone: the run goes on
+            while (frame := self._next()) is not None:
                 data = _packed(frame)
                 while data:
                     data = data[pipe.write(data) :]
+
+    def _next(self) -> Frame | None:
+        """Wait for a frame; None at the end."""
+        with self._came:
+            while not self._waiting and not self._is_over:
+                self._came.wait()
+            return None if self._is_over else self._waiting.popleft()
 
 
 def _packed(frame: Frame) -> bytes:

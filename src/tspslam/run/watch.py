@@ -108,7 +108,7 @@ class RunWatch:
         missing: list[str] = []
         self._units, numbers = self._listed(missing)
         record, rows = self._record(missing)
-        is_done = "report.html" in self._units and bool(record) and not is_live
+        is_done = bool(record) and not is_live and (not self._units or "report.html" in self._units)
         map_ = self._read_map(missing) if is_done or MAP in self._units else None
         stations = self._path_of(rows, missing) if is_done and rows else None
         is_all = True
