@@ -15,11 +15,11 @@ from tspslam.io import RunFolder, read_image
 from tspslam.io.bag import write_bag
 from tspslam.io.colmap import write_colmap
 from tspslam.io.nerfstudio import write_nerfstudio
-from tspslam.run import rrd
+from tspslam.run import _export_rrd
+from tspslam.run._export_rrd import export_rrd, recorded_run
 from tspslam.run._export_runs import load_run_data
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
-from tspslam.run.rrd import export_rrd, recorded_run
 from tspslam.vision.se3 import inverse
 
 from ..sequences import SETTINGS, SMALL_RIG, corridor
@@ -168,7 +168,7 @@ def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path):
         import resource
         from pathlib import Path
         from tspslam.errors import OutputError
-        from tspslam.run.rrd import export_rrd
+        from tspslam.run._export_rrd import export_rrd
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
         try:
             export_rrd(Path({str(folder)!r}), Path({str(tmp_path / "a.rrd")!r}))
@@ -183,7 +183,7 @@ def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path):
 
 def test_a_rerun_that_hangs_is_ended(folder, tmp_path, monkeypatch):
     pytest.importorskip("rerun", reason="the extra rerun is not installed")
-    monkeypatch.setattr(rrd, "_LONGEST", 0.01)
+    monkeypatch.setattr(_export_rrd, "_LONGEST", 0.01)
     with pytest.raises(OutputError, match=r"a.rrd: cannot be written \(rerun did not end within 0.01 s\)"):
         export_rrd(folder, tmp_path / "a.rrd")
     assert not list(tmp_path.iterdir())

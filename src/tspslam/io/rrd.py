@@ -61,7 +61,7 @@ class RecordedRun(Brief):
 
 
 def write_rrd(path: PathLike, run: RecordedRun) -> None:
-    """Write a run as a recording of rerun. `tspslam.run.rrd.export_rrd` does so in a process of its own.
+    """Write a run as a recording of rerun. A run is exported by a process of its own, which does so.
 
     Faces (each with its own three vertices, so that its colour is flat), edges, vertices, directions of the response
     and the path are there at any time; ``world/camera`` moves with every frame, ``world/keyframe`` with the keyframes,
