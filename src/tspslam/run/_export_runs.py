@@ -7,7 +7,10 @@ from functools import cached_property
 from pathlib import Path
 
 from .._files import bad_input
+from ..io.bag import write_bag
+from ..io.colmap import write_colmap
 from ..io.frames import read_frame_image
+from ..io.nerfstudio import write_nerfstudio
 from ..io.runfolder import RunFolder
 from ..io.runs import StoredRun, load_run
 from ..io.topological import load_map
@@ -82,3 +85,43 @@ def load_run_data(run: Path) -> RunData:
         told = f"has {len(rows)} rows of frames, and a path of {len(data.trajectory)} poses"
         raise bad_input(run, told, "one for each")
     return data
+
+
+def export_colmap(run: Path, folder: Path) -> None:
+    """Write a run's map, and the images of its keyframes, as a COLMAP model.
+
+    Parameters
+    ----------
+    run : path
+        The run folder.
+    folder : path
+        Not there yet, or empty.
+
+    Raises
+    ------
+    InputError
+        As `load_run_data` and `write_colmap`.
+    OutputError
+        If a file cannot be written.
+    """
+    data = load_run_data(run)
+    write_colmap(folder, data.map_, data.image_of)
+
+
+def export_nerfstudio(run: Path, folder: Path) -> None:
+    """Write a run's keyframes, and the vertices of its map, for nerfstudio.
+
+    Parameters: as `export_colmap`.
+    """
+    data = load_run_data(run)
+    write_nerfstudio(folder, data.map_, data.image_of)
+
+
+def export_bag(run: Path, folder: Path) -> None:
+    """Write a run's path, and its map where it has one, as a ROS 2 bag.
+
+    Parameters: as `export_colmap`.
+    """
+    stored = load_run(run)
+    has_map = RunFolder.open(run).map_npz_path.exists()
+    write_bag(folder, stored.trajectory, load_map(run) if has_map else None)
