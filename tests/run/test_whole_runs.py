@@ -12,14 +12,11 @@ import pytest
 
 from tspslam import InputError, OutputError, load_map, load_run
 from tspslam.io import RunFolder, read_image
-from tspslam.io.bag import write_bag
-from tspslam.io.colmap import write_colmap
-from tspslam.io.nerfstudio import write_nerfstudio
-from tspslam.run import rrd
-from tspslam.run._export_runs import load_run_data
+from tspslam.run import _export_rrd
+from tspslam.run._export_rrd import export_rrd, recorded_run
+from tspslam.run._export_runs import export_bag, export_colmap, export_nerfstudio, load_run_data
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
-from tspslam.run.rrd import export_rrd, recorded_run
 from tspslam.vision.se3 import inverse
 
 from ..sequences import SETTINGS, SMALL_RIG, corridor
@@ -52,7 +49,7 @@ def recording(folder, tmp_path_factory):
 
 def test_colmap_reads_the_run_with_small_errors(data, tmp_path):
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap has no wheel here")
-    write_colmap(tmp_path / "out", data.map_, data.image_of)
+    export_colmap(data.run.path, tmp_path / "out")
     model = pycolmap.Reconstruction(tmp_path / "out" / "sparse" / "0")
     assert len(model.images) == len(data.map_.keyframes) > 1
     assert len(model.points3D) == len(data.map_)
@@ -66,7 +63,7 @@ def test_colmap_reads_the_run_with_small_errors(data, tmp_path):
 
 
 def test_nerfstudio_s_cameras_are_the_run_s(data, tmp_path):
-    write_nerfstudio(tmp_path / "out", data.map_, data.image_of)
+    export_nerfstudio(data.run.path, tmp_path / "out")
     meta = json.loads((tmp_path / "out" / "transforms.json").read_text())
     for frame, index in zip(meta["frames"], data.map_.keyframes.tolist(), strict=True):
         assert frame["file_path"] == f"images/{index:06d}.png"
@@ -76,7 +73,7 @@ def test_nerfstudio_s_cameras_are_the_run_s(data, tmp_path):
 
 def test_a_bag_has_every_tracked_frame_of_the_run(data, tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
-    write_bag(tmp_path / "out", data.trajectory, data.map_)
+    export_bag(data.run.path, tmp_path / "out")
     with rosbag2.Reader(tmp_path / "out") as reader:
         assert {each.topic: each.msgcount for each in reader.connections} == {
             "/tf_static": 1, "/path": 1, "/map_points": 1, "/tf": len(data.trajectory), "/pose": len(data.trajectory),
@@ -168,7 +165,7 @@ def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path):
         import resource
         from pathlib import Path
         from tspslam.errors import OutputError
-        from tspslam.run.rrd import export_rrd
+        from tspslam.run._export_rrd import export_rrd
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
         try:
             export_rrd(Path({str(folder)!r}), Path({str(tmp_path / "a.rrd")!r}))
@@ -183,7 +180,7 @@ def test_a_full_disk_leaves_no_recording(recording, folder, tmp_path):
 
 def test_a_rerun_that_hangs_is_ended(folder, tmp_path, monkeypatch):
     pytest.importorskip("rerun", reason="the extra rerun is not installed")
-    monkeypatch.setattr(rrd, "_LONGEST", 0.01)
+    monkeypatch.setattr(_export_rrd, "_LONGEST", 0.01)
     with pytest.raises(OutputError, match=r"a.rrd: cannot be written \(rerun did not end within 0.01 s\)"):
         export_rrd(folder, tmp_path / "a.rrd")
     assert not list(tmp_path.iterdir())
@@ -224,11 +221,18 @@ def test_a_run_that_lacks_a_file_is_refused_by_the_file_s_name(copied, name, sai
 def test_a_damaged_image_is_named_and_nothing_is_left(copied, tmp_path):
     last = sorted((copied / "frames").glob("*.npz"))[-1]
     last.write_bytes(last.read_bytes()[:-9])
-    data = load_run_data(copied)
-    for write in (write_colmap, write_nerfstudio):
+    for export in (export_colmap, export_nerfstudio):
         with pytest.raises(InputError, match=f"{last.name}: is missing or was changed"):
-            write(tmp_path / "out", data.map_, data.image_of)
+            export(copied, tmp_path / "out")
         assert [each.name for each in tmp_path.iterdir()] == ["copied"]
+
+
+def test_a_run_without_a_map_has_a_bag_of_its_path(copied, tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
+    os.unlink(copied / "map.npz")
+    export_bag(copied, tmp_path / "out")
+    with rosbag2.Reader(tmp_path / "out") as reader:
+        assert {each.topic for each in reader.connections} == {"/tf_static", "/path", "/tf", "/pose"}
 
 
 def test_what_is_read_of_a_run_is_what_its_readers_give(data, folder):

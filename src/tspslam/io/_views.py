@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._atomic import write_bytes
 from .._checks import is_rigid, require
 from ..errors import InputError
 from ..topological_map import TopologicalMap
 from ..types import Image
 from ..vision.rig import check_image
-from .images import write_png
 
 ImageOf = Callable[[int], Image]
 """Gives the left image of a keyframe, by its row in `TopologicalMap.keyframes`."""
@@ -47,12 +48,23 @@ def write_images(folder: Path, map_: TopologicalMap, image_of: ImageOf) -> NDArr
     seen, total, count = map_.observations, np.zeros((len(map_), 3)), np.zeros(len(map_))
     for row in range(len(map_.keyframes)):
         pixels = view_of(map_, row, image_of)
-        write_png(folder / IMAGES / image_name(map_, row), pixels)
+        write_bytes(folder / IMAGES / image_name(map_, row), png_of(pixels))
         rows = np.flatnonzero((seen.keyframe == row) & np.isfinite(seen.uv).all(axis=1))
         u, v = np.rint(np.clip(seen.uv[rows], 0, (map_.rig.width - 1, map_.rig.height - 1))).astype(np.int64).T
         total[seen.vertex[rows]] += pixels[v, u]  # a keyframe observes a vertex once
         count[seen.vertex[rows]] += 1
     return np.rint(total / np.maximum(count, 1)[:, None]).astype(np.uint8)
+
+
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
+    """Encode grey or RGB as PNG; of photographs, level 6 takes 1 % fewer bytes and four times as long as 1."""
+    from PIL import Image
+
+    made = io.BytesIO()
+    Image.fromarray(pixels).save(
+        made, format="PNG", compress_level=1
+    )  # of photographs, 6 takes 1 % less and 4 x longer
+    return made.getvalue()
 
 
 def view_of(map_: TopologicalMap, row: int, image_of: ImageOf) -> NDArray[np.uint8]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -15,7 +14,7 @@ from .._brief import Brief
 from .._files import PathLike, bad_input, reason_of
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Trajectory
-from ._views import TO_CORNER, ImageOf, check_views, view_of
+from ._views import TO_CORNER, ImageOf, check_views, png_of, view_of
 from .trajectory import quaternions
 
 Rgb = NDArray[np.uint8]
@@ -61,7 +60,7 @@ class RecordedRun(Brief):
 
 
 def write_rrd(path: PathLike, run: RecordedRun) -> None:
-    """Write a run as a recording of rerun. `tspslam.run.rrd.export_rrd` does so in a process of its own.
+    """Write a run as a recording of rerun. A run is exported by a process of its own, which does so.
 
     Faces (each with its own three vertices, so that its colour is flat), edges, vertices, directions of the response
     and the path are there at any time; ``world/camera`` moves with every frame, ``world/keyframe`` with the keyframes,
@@ -156,7 +155,8 @@ def _log_keyframes(rr: Any, stream: Any, run: RecordedRun) -> None:
     times = [_times(rr, [k], [stamp[k]]) if k in stamp else _times(rr, [k], None) for k in map_.keyframes.tolist()]
     for row, when in enumerate(times):
         _log_camera(rr, stream, run, _KEYFRAME, map_.T_world_camera[row : row + 1], when)
-        png = _png(view_of(map_, row, run.image_of))
+        pixels = view_of(map_, row, run.image_of)
+        png = png_of(pixels[..., 0] if (pixels == pixels[..., :1]).all() else pixels)
         stream.send_columns(place, when, rr.EncodedImage.columns(blob=[png], media_type=["image/png"]))
         rows = np.flatnonzero((seen.keyframe == row) & np.isfinite(seen.uv).all(axis=1))
         points = rr.Points2D.columns(
@@ -186,15 +186,6 @@ def _times(rr: Any, index: Any, stamp: Any) -> list[Any]:
         is_calendar = len(stamp) > 0 and stamp[0] >= _CALENDAR
         found.append(rr.TimeColumn("stamp", **{"timestamp" if is_calendar else "duration": stamp}))
     return found
-
-
-def _png(pixels: NDArray[np.uint8]) -> bytes:
-    from PIL import Image
-
-    made = io.BytesIO()
-    is_grey = bool((pixels == pixels[..., :1]).all())
-    Image.fromarray(np.ascontiguousarray(pixels[..., 0]) if is_grey else pixels).save(made, format="PNG")
-    return made.getvalue()
 
 
 def _blueprint() -> Any:

@@ -87,33 +87,41 @@ def load_run_data(run: Path) -> RunData:
     return data
 
 
-def write_model(run: Path, folder: Path) -> None:
-    """Write a run as a COLMAP model.
+def export_colmap(run: Path, folder: Path) -> None:
+    """Write a run's map, and the images of its keyframes, as a COLMAP model.
 
     Parameters
     ----------
     run : path
         The run folder.
     folder : path
-        Where to: not there yet, or empty.
+        Not there yet, or empty.
+
+    Raises
+    ------
+    InputError
+        As `load_run_data` and `write_colmap`.
+    OutputError
+        If a file cannot be written.
     """
     data = load_run_data(run)
     write_colmap(folder, data.map_, data.image_of)
 
 
-def write_transforms(run: Path, folder: Path) -> None:
-    """Write a run for nerfstudio.
+def export_nerfstudio(run: Path, folder: Path) -> None:
+    """Write a run's keyframes, and the vertices of its map, for nerfstudio.
 
-    Parameters: as `write_model`.
+    Parameters: as `export_colmap`.
     """
     data = load_run_data(run)
     write_nerfstudio(folder, data.map_, data.image_of)
 
 
-def write_path(run: Path, folder: Path) -> None:
-    """Write the path of a run, and its landmarks, as a bag of ROS 2.
+def export_bag(run: Path, folder: Path) -> None:
+    """Write a run's path, and its map where it has one, as a ROS 2 bag.
 
-    Parameters: as `write_model`.
+    Parameters: as `export_colmap`.
     """
-    data = load_run_data(run)
-    write_bag(folder, data.trajectory, data.map_)
+    stored = load_run(run)
+    has_map = RunFolder.open(run).map_npz_path.exists()
+    write_bag(folder, stored.trajectory, load_map(run) if has_map else None)

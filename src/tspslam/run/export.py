@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 from ..io import RunFolder
 from ..io._new_folder import fill_folder
-from ._export_runs import write_model, write_path, write_transforms
+from ._export_runs import export_bag, export_colmap, export_nerfstudio
 from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series
 from .config import resolve
 from .given import file_kind, shown_of_run, write_shown
@@ -68,10 +68,10 @@ FORMATS = {
         Format("las", write_cloud, ".las", EXPORTS["las"], has_frames=True, has_layers=True),
         Format("laz", write_cloud, ".laz", EXPORTS["laz"], has_frames=True, has_layers=True),
         Format("tensors", write_numbers, ".npz", EXPORTS["tensors"], has_frames=True),
-        Format("colmap", partial(_write_whole, write_model)),
-        Format("nerfstudio", partial(_write_whole, write_transforms)),
+        Format("colmap", partial(_write_whole, export_colmap)),
+        Format("nerfstudio", partial(_write_whole, export_nerfstudio)),
         Format("rrd", partial(_write_whole, export_rrd), ".rrd", EXPORTS["rrd"]),
-        Format("bag", partial(_write_whole, write_path)),
+        Format("bag", partial(_write_whole, export_bag)),
     )
 }
 """Formats by name: one row each."""

@@ -22,7 +22,9 @@ from ._export_runs import RunData, load_run_data
 
 _LONGEST = 900.0  # s: on a full disk rerun may wait for ever; 100 keyframes take some seconds
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_ERROR = re.compile(r"\bERROR\b")  # what rerun logs where a file could not be written
 _REFUSED = 3  # exit code where it was the input
+_CHILD = f"import sys; from {__name__} import write_recording; sys.exit(write_recording(*sys.argv[1:]))"
 
 
 def export_rrd(run: Path, output: Path) -> None:
@@ -48,29 +50,35 @@ def export_rrd(run: Path, output: Path) -> None:
     if importlib.util.find_spec("rerun") is None:
         raise bad_input(output, "cannot be written (rerun is not installed)", MISSING)
     with new_file(output) as made, tempfile.TemporaryDirectory() as home:
-        _call(output, home, [__name__, str(run), str(made)], "written")
-        if not made.is_file():
-            raise _refused(output, "written", "nothing is there")
-        _call(output, home, ["rerun", "rrd", "verify", str(made)], "read back by rerun")
+        done = _call(output, home, ["-c", _CHILD, str(run), str(made)], "written")
+        if done.returncode == _REFUSED:
+            raise InputError(_last_line(done))
+        if done.returncode or _ERROR.search(_text(done)) or not made.is_file():
+            raise _refused(output, "written", _last_line(done))
+        done = _call(output, home, ["-m", "rerun", "rrd", "verify", str(made)], "read back by rerun")
+        if done.returncode:
+            raise _refused(output, "read back by rerun", _last_line(done))
 
 
-def _call(output: Path, home: str, module: list[str], what: str) -> None:
-    """Run a module; rerun looks for its settings, and leaves some, in a home that is thrown away."""
+def _call(output: Path, home: str, arguments: list[str], what: str) -> subprocess.CompletedProcess[bytes]:
+    """Run Python; rerun looks for its settings, and leaves some, in a home that is thrown away."""
     places = {"HOME": home, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home, "APPDATA": home, "LOCALAPPDATA": home}
     environment = os.environ | places | {"PYTHONPATH": os.pathsep.join(sys.path), "RERUN": "1"}
-    command = [sys.executable, "-m", *module]
+    command = [sys.executable, *arguments]
     try:
-        done = subprocess.run(
+        return subprocess.run(
             command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=_LONGEST, check=False
         )
     except subprocess.TimeoutExpired as error:
         raise _refused(output, what, f"rerun did not end within {_LONGEST:g} s") from error
-    lines = _COLOUR.sub("", (done.stderr or done.stdout).decode("utf-8", "replace")).strip().splitlines()
-    said = one_line(lines[-1])[:300] if lines else ""
-    if done.returncode == _REFUSED and module[0] == __name__:
-        raise InputError(said)
-    if done.returncode or (module[0] == __name__ and said):  # it has nothing to say where all went well
-        raise _refused(output, what, said or f"exit code {done.returncode}")
+
+
+def _text(done: subprocess.CompletedProcess[bytes]) -> str:
+    return _COLOUR.sub("", (done.stderr or done.stdout).decode("utf-8", "replace")).strip()
+
+
+def _last_line(done: subprocess.CompletedProcess[bytes]) -> str:
+    return one_line(_text(done).rpartition("\n")[2])[:300] or f"exit code {done.returncode}"
 
 
 def _refused(output: Path, what: str, why: str) -> OutputError:
@@ -116,14 +124,24 @@ def _colours(map_: TopologicalMap) -> dict[str, NDArray[np.uint8]]:
     }
 
 
-def _main(run: str, made: str) -> int:
+def write_recording(run: str, made: str) -> int:
+    """Write a recording in this process, and say on stderr what was wrong with the run.
+
+    Parameters
+    ----------
+    run : str
+        The run folder.
+    made : str
+        The file.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
     try:
         write_rrd(made, recorded_run(load_run_data(Path(run))))
     except TspSlamError as error:
         sys.stderr.write(f"{error}\n")
         return _REFUSED
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(_main(*sys.argv[1:]))
