@@ -37,7 +37,6 @@ html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_show_sourcelink = html_show_sphinx = False
 html_copy_source = False
-pygments_style, pygments_dark_style = "friendly", "github-dark"
 COLOURS = {"color-sidebar-link-text": "var(--color-foreground-primary)"}
 COLOURS["color-sidebar-link-text--top-level"] = COLOURS["color-sidebar-link-text"]
 html_theme_options = {
@@ -117,6 +116,12 @@ def find_by_last_name(app, env, node, contnode):
     return make_refnode(app.builder, node["refdoc"], found[0].docname, found[0].node_id, contnode)
 
 
+def level_captions(app, pagename, templatename, context, doctree):
+    """Captions of the table of contents are headings; a screen reader wants to know of which level."""
+    tree = context.get("furo_navigation_tree", "")
+    context["furo_navigation_tree"] = tree.replace('role="heading"', 'role="heading" aria-level="2"')
+
+
 def setup(app):
     for field in PyClasslike.doc_field_types:
         field.label = "Attributes" if field.name == "variable" else field.label
@@ -125,6 +130,7 @@ def setup(app):
     app.connect("builder-inited", draw_pictures)
     app.connect("builder-inited", write_settings)
     app.connect("doctree-read", run_code_blocks)
+    app.connect("html-page-context", level_captions, priority=900)  # after the theme
     app.add_html_math_renderer(
         "mathml",
         (lambda writer, node: write_mathml(writer, node, as_block=False), None),
