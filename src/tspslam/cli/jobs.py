@@ -49,12 +49,14 @@ def run_command(
     config: ConfigOption = None,
     assignments: SetOption = None,
     threads: ThreadsOption = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the browser while it goes on.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run the main job: stereo pairs to points, complex, signals and response. No SOURCE: the real Motorcycle pair."""
     from .._threads import set_threads
     from ..run import config as configuration
     from ..run import pipeline
+    from ..run.viewing import viewing
     from ..settings import KINDS
 
     if detector not in (None, *KINDS["detector"]):
@@ -75,10 +77,15 @@ def run_command(
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
     set_threads(threads)
-    with progress(as_json) as on_step:
-        announce_compilation()
-        result = pipeline.run(pairs, target, resolved, frames=wanted if frames else None, on_step=on_step)
-    finish(result, as_json)
+    with viewing(target if view else None) as viewer:
+        with progress(as_json) as on_step:
+            announce_compilation()
+            chosen_frames = wanted if frames else None
+            result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
+        try:
+            finish(result, as_json)
+        finally:
+            viewer.stay()
 
 
 @app.command("filter")

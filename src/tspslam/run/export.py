@@ -11,13 +11,13 @@ from typing import Any
 from ..errors import InputError
 from ..io import RunFolder
 from ..io._new_folder import fill_folder
+from ._export_rrd import export_rrd
 from ._export_runs import export_bag, export_colmap, export_nerfstudio
 from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series
 from .config import resolve
 from .given import file_kind, shown_of_run, write_shown
 from .guard import EXPORTS, MAPS, Kind, check_new_folder, check_place
 from .map import join_keyframes, stored_keyframes
-from .rrd import export_rrd
 
 OURS = ("vtu", "ply", "npz")
 """Formats that `write_shown` knows, and `export_map_anew` writes."""

@@ -15,11 +15,13 @@ from ..datasets import open_sequence
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
+from ..io._places import TIMES_PICTURE
 from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Rig, StereoPair
 from ..vision.evaluate import TrajectoryErrors
+from ._stages import OnStep, Stages
 from .config import Resolved, as_resolved
 from .evaluate import describe_errors, measured
 from .map import join_keyframes, stored_keyframes
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
     from ..view._report_parts import WholeRun
 
 Progress = Callable[[int, int, str], None]
-OnStep = Callable[[Step], object]
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def run(
     settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
     with RunFolder.create(out, settings) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings, keep=False), folder)
-        at = _Stages(sequence, on_step)
+        at = Stages(sequence, on_step)
         try:
             record = _process_all(sequence, progress, on_frame, at)
         finally:
@@ -171,38 +172,12 @@ def run_path(
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame, on_step=on_step)
 
 
-class _Stages:
-    """Which stage a run is in: told where one begins, and timed."""
-
-    def __init__(self, sequence: SequenceRun, on_step: OnStep | None) -> None:
-        self._sequence, self._on_step, self._stage, self._watch = sequence, on_step, "", Stopwatch()
-        self._tracked: list[float] = []  # when tracking began, and when each pair was done, s
-
-    def __call__(self, stage: str) -> None:
-        """Say that a stage begins, or goes on."""
-        if stage != self._stage:
-            self._watch.lap(self._stage)
-            self._stage = stage
-        if stage == "tracking":
-            self._tracked.append(time.perf_counter())
-        if self._on_step:
-            self._on_step(self._sequence.step(stage))
-
-    def end(self) -> dict[str, Any]:
-        """Seconds of each stage, pairs done anew, and their pace after the first one, which may wait for kernels."""
-        self._watch.lap(self._stage)
-        seconds = {stage: spent for stage, spent in self._watch.seconds.items() if stage}
-        anew = len(self._tracked) - 1
-        spent = self._tracked[-1] - self._tracked[1] if anew > 1 else 0
-        return {"stages_s": seconds, "frames_anew": anew, "frames_per_s": (anew - 1) / spent if spent else None}
-
-
 def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:
     """Write the times of what was done; where all was there already, those of the call that did it stay."""
     from ..view._report_timings import timings_svg
 
     folder = sequence.folder
-    if sequence.seconds or not folder.timings_picture_path.exists():
+    if sequence.seconds or not (folder.path / TIMES_PICTURE).exists():
         folder.write_timings(times | {"machine": machine()}, timings_svg(times))
 
 
@@ -230,7 +205,7 @@ def _wanted(source: Source, frames: range | None) -> range:
 
 
 def _process_all(
-    sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None, at: _Stages
+    sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None, at: Stages
 ) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
     total = len(sequence.wanted)
@@ -255,7 +230,7 @@ def _process_all(
 
 
 def _write_all(
-    sequence: SequenceRun, record: dict[str, Any], errors: TrajectoryErrors | None, at: _Stages
+    sequence: SequenceRun, record: dict[str, Any], errors: TrajectoryErrors | None, at: Stages
 ) -> dict[str, Any]:
     """Trajectory, map, pictures and report; the report comes last, so its line says all is there."""
     folder = sequence.folder
@@ -268,7 +243,7 @@ def _write_all(
 
 
 def _write_results(
-    sequence: SequenceRun, record: dict[str, Any], key: str, errors: TrajectoryErrors | None, at: _Stages
+    sequence: SequenceRun, record: dict[str, Any], key: str, errors: TrajectoryErrors | None, at: Stages
 ) -> dict[str, Any]:
     """All that is made once the path is final; returns the record with what is said of the map."""
     from .report import describe_whole

@@ -14,6 +14,7 @@ from .._files import PathLike, bad_input
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, read_trajectory
+from ..io._places import TIMES_PICTURE
 from ..io._record import checked_rows, read_object
 from ..io.topological import read_map
 from ..session import Settings
@@ -73,7 +74,7 @@ def describe_whole(
         findings=judge_calibration(record.get("calibration", {}), frame.rig, None if made is None else made.gain),
         settings=_changed(settings),
         shots=_shots(states, thinned(stored), lambda index: read_frame(folder.frame_path(index))),
-        stored=len(stored), timings=folder.timings_picture_path.name,
+        stored=len(stored), timings=TIMES_PICTURE,
     )  # fmt: skip
 
 

@@ -263,7 +263,7 @@ class StereoOdometry:
 
     @property
     def loop_closures(self) -> tuple[tuple[int, int], ...]:
-        """Of each loop the number of its frame, and that of the keyframe that the camera came back to."""
+        """Frames that closed a loop, each with the keyframe that it came back to."""
         return tuple(self.mapper.closures)
 
     @property
