@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.view.view_maps import map_of, sheet
 from tspslam.topological_map import Observations, TopologicalMap
+from tspslam.types import Trajectory
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
 
@@ -48,6 +49,11 @@ def grey_of(map_: TopologicalMap):
     """Gives noise of 8 bits as the image of a keyframe."""
     size = map_.rig.height, map_.rig.width
     return lambda row: np.random.default_rng(row).integers(0, 256, size, np.uint8)
+
+
+def path_of(map_: TopologicalMap) -> Trajectory:
+    """The keyframes as a path, one each second."""
+    return Trajectory(np.arange(len(map_.keyframes), dtype=float), map_.T_world_camera)
 
 
 def files(folder):

@@ -80,21 +80,26 @@ def test_a_place_that_cannot_be_is_an_output_error(tmp_path, name):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no file size limit there")
-@pytest.mark.parametrize("export", ["colmap", "nerfstudio"])
-def test_a_full_disk_is_an_output_error_and_leaves_no_export(tmp_path, export):
+@pytest.mark.parametrize(
+    ("export", "given"),
+    [("colmap", "map_, grey_of(map_)"), ("nerfstudio", "map_, grey_of(map_)"), ("bag", "path_of(map_), map_")],
+)
+def test_a_full_disk_is_an_output_error_and_leaves_no_export(tmp_path, export, given):
+    if export == "bag":
+        pytest.importorskip("rosbags", reason="the extra ros is not installed")
     code = textwrap.dedent(f"""
         import resource, signal
-        from tests.io.seen_maps import grey_of, seen_map
+        from tests.io.seen_maps import grey_of, path_of, seen_map
         from tspslam.errors import OutputError
         from tspslam.io.{export} import write_{export}
         map_ = seen_map()
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
         try:
-            write_{export}({str(tmp_path / "a")!r}, map_, grey_of(map_))
+            write_{export}({str(tmp_path / "a")!r}, {given})
         except OutputError as error:
             print("refused:", error)
     """)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.startswith(f"refused: {tmp_path}/a/")
+    assert run.stdout.startswith(f"refused: {tmp_path}/a")
     assert names(tmp_path) == []
