@@ -161,7 +161,7 @@ def test_words_of_a_path_cannot_end_the_script():
     page = turning.map_to_turn(wall(), others=[(evil, PATH)])
     assert page.count("</script") == 2
     assert "<!--" not in page
-    assert "</script" not in turning._web("scene.js")
+    assert "</script" not in turning._script()
 
 
 def test_two_scenes_on_a_page_share_no_id():
