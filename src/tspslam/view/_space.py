@@ -131,6 +131,9 @@ def space_of_map(
         return None
     for station in stations:
         _check_station(station)
+    for words, places in others:
+        if np.ndim(places) != 2 or np.shape(places)[1] != 3:
+            raise InputError(f"view: {words} has places of shape {np.shape(places)}, expected (T, 3)")
     if not stations:
         pairs = zip(map_.keyframes.tolist(), map_.T_world_camera, strict=True)
         stations = [Station(number, T, "keyframe") for number, T in pairs]

@@ -1,7 +1,7 @@
 // From where it is seen: about a target, upright.
 const FIELD = 0.7; // rad, from the top of the picture to its bottom
 const STEEPEST = Math.PI / 2 - 1e-3;
-const FITTED = 0.998; // of the vertices are in the first view: the last few would make it small
+const FITTED = 0.99; // of the vertices are in the first view: the last few would make it small
 
 class Camera {
   constructor(model, canvas) { Object.assign(this, { model, canvas, target: [0, 0, 0], distance: 1, yaw: 0, pitch: 0 }); }
