@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from view_maps import ODD_MAPS, PATH, map_of, room, sheet, wall
 
 from tspslam.errors import InputError
+from tspslam.view import _html
 from tspslam.view import _thinning as thinning
 from tspslam.view import _turning as turning
 from tspslam.view._layers import layers_of_frame, layers_of_map, steps_of, table, ticks_of
@@ -154,6 +155,8 @@ def test_a_station_that_is_none_is_refused():
         of_map(wall(), [Station(3, np.eye(4), "gone")])
     with pytest.raises(InputError, match=r"view: the pose of frame 3 has shape \(3, 4\), expected \(4, 4\)"):
         of_map(wall(), [Station(3, np.eye(4)[:3], "weak")])
+    with pytest.raises(InputError, match=r"view: truth has places of shape \(6, 2\), expected \(T, 3\)"):
+        of_map(wall(), others=[("truth", PATH[:, :2])])
 
 
 def test_words_of_a_path_cannot_end_the_script():
@@ -161,7 +164,11 @@ def test_words_of_a_path_cannot_end_the_script():
     page = turning.map_to_turn(wall(), others=[(evil, PATH)])
     assert page.count("</script") == 2
     assert "<!--" not in page
-    assert "</script" not in turning._web("scene.js")
+    assert "</script" not in turning._script()
+
+
+def test_a_page_may_run_no_words_as_script():
+    assert not re.search(r"unsafe-eval|blob:|https?:", _html.POLICY)
 
 
 def test_two_scenes_on_a_page_share_no_id():

@@ -23,7 +23,7 @@ from ._thinning import MOST_FACES, Kept, kept
 from ._viewpoints import KEPT_PERCENT, downward, is_overhead
 
 STATES: tuple[State, ...] = ("keyframe", "tracked", "weak", "lost", "loop")  # their numbers in scene.js
-CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and all is shown at once
+CEILING_SHARES = (0.05, 0.6)  # of the faces look down: else it is no room, and all is shown at once
 MAP_EYE = (-0.85, 1.3, -1.15)  # right, up, forward: behind the start, to its left, high above
 FRAME_EYE = (-0.42, 0.3, -0.86)  # behind the camera, to its left, above it
 QUANTA = 65_535  # of places along each axis
@@ -131,12 +131,14 @@ def space_of_map(
         return None
     for station in stations:
         _check_station(station)
+    for words, places in others:
+        if np.ndim(places) != 2 or np.shape(places)[1] != 3:
+            raise InputError(f"view: {words} has places of shape {np.shape(places)}, expected (T, 3)")
     if not stations:
         pairs = zip(map_.keyframes.tolist(), map_.T_world_camera, strict=True)
         stations = [Station(number, T, "keyframe") for number, T in pairs]
     ceiling = is_overhead(map_)
-    seen = int((ceiling & is_kept).sum())
-    if seen <= CEILING_SHARE * is_kept.sum() or seen == is_kept.sum():
+    if not CEILING_SHARES[0] < float(ceiling[is_kept].mean()) < CEILING_SHARES[1]:
         ceiling = np.zeros_like(ceiling)
     down = downward(map_)
     return Space(

@@ -1,4 +1,4 @@
-"""What a page shows in space, to turn: the mesh of a frame, or a map with the path; drawn by `_web/scene.js`."""
+"""What a page shows in space, to turn: the mesh of a frame, or a map with the path; drawn by the scripts in `_web`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..types import FloatArray
 from ._html import text
 from ._space import Others, Packed, Station, pack, space_of_frame, space_of_map
 
+SCRIPTS = ("tools", "model", "graphics", "camera", "drawing", "picking", "legend", "scene")  # in this order
 LEVELS = (("face", "Faces"), ("edge", "Edges"), ("vertex", "Vertices"))
 HOW = "Drag to turn, shift and drag to move, scroll or pinch to zoom. Keys: arrows, + and −, 0 for the first view."
 NO_GRAPHICS = "This browser has no WebGL 2, with which this page shows it in space; all else is here."
@@ -64,13 +65,16 @@ def _scene(packed: Packed, how: str) -> str:
         f'<p class="quiet without" hidden>{NO_GRAPHICS}</p><form hidden autocomplete="off">{_layers(packed)}'
         f'{plot}<div class="legend"></div>{_time(packed)}<div class="below"><div class="views">{views}</div>'
         f'{_switches(packed)}</div><output class="said"></output><p class="quiet">{text(how + _left_out(packed))}</p>'
-        f'</form><script type="application/json">{packed.json()}</script></div><script>{_web("scene.js")}</script>'
+        f'</form><script type="application/json">{packed.json()}</script></div><script>{_script()}</script>'
     )
 
 
 @cache
-def _web(name: str) -> str:
-    return files("tspslam.view").joinpath("_web", name).read_text(encoding="utf-8")
+def _script() -> str:
+    """The files of the script as one function, which leaves no name behind."""
+    folder = files("tspslam.view").joinpath("_web")
+    parts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    return f'(() => {{\n"use strict";\n{"".join(parts)}}})();'
 
 
 def _layers(packed: Packed) -> str:
