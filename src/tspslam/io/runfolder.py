@@ -299,23 +299,9 @@ class RunFolder:
         path : str or path
             The file.
         """
-        if self._name(path) in self.units and not self.is_as_left(path):
-            raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
-
-    def is_as_left(self, path: PathLike) -> bool:
-        """Whether a file is listed and still what it was when the run left it.
-
-        Parameters
-        ----------
-        path : str or path
-            The file.
-
-        Returns
-        -------
-        bool
-        """
         unit = self.units.get(self._name(path))
-        return unit is not None and self.is_done(path, input_hash=unit.input)
+        if unit is not None and not self.is_done(path, input_hash=unit.input):
+            raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
 
     @property
     def stored_frames(self) -> tuple[int, ...]:
@@ -370,19 +356,12 @@ class RunFolder:
         """
         return self._write_json("run.json", values)
 
-    def write_timings(self, values: Mapping[str, Any], picture: str | None = None) -> None:
-        """Write ``timings.json``, and ``timings.svg``: the only places for what varies from run to run.
+    def write_timings(self, values: Mapping[str, Any]) -> None:
+        """Write ``timings.json``, beside its picture the only place for what varies from run to run.
 
-        Parameters
-        ----------
-        values : dict
-            Fit for JSON, without NaN.
-        picture : str, optional
-            The same as a picture, SVG.
+        Parameters: as `write_run`.
         """
         self._write_json(TIMINGS, values)
-        if picture is not None:
-            write_bytes(self.timings_picture_path, picture.encode("utf-8"))
 
     def read_run(self) -> dict[str, Any]:
         """Return what ``run.json`` holds; `InputError` if it is missing or damaged.

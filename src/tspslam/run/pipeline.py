@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._atomic import write_bytes
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from .._stopwatch import Stopwatch
@@ -168,7 +169,8 @@ def _write_timings(sequence: SequenceRun, total: float) -> None:
     folder = sequence.folder
     if sequence.seconds or not folder.timings_picture_path.exists():
         times = {"frames": sequence.seconds, "map_s": sequence.map_seconds, "total_s": total}
-        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
+        folder.write_timings(times | {"machine": machine()})
+        write_bytes(folder.timings_picture_path, timings_svg(times).encode("utf-8"))
 
 
 def _require_source(source: object) -> None:

@@ -140,7 +140,8 @@ class _Found:
         try:
             return read()
         except (InputError, GeometryError) as error:
-            self.missing.append(str(error))
+            if str(error) not in self.missing:
+                self.missing.append(str(error))
             return None
 
     def record(self) -> dict[str, Any]:
@@ -193,11 +194,10 @@ class _Found:
     def first_frame(self) -> Frame | None:
         """The first stored frame that can be read, as the pages need it."""
         for index in self.folder.stored_frames:
-            if self.folder.is_as_left(self.folder.frame_path(index)):
-                frame = self._frame(index)
-                if frame is not None:
-                    blank = np.zeros((frame.rig.height, frame.rig.width), np.uint8)  # of filter: it shows its mesh
-                    return frame if frame.image is not None else replace(frame, image=blank)
+            frame = self._frame(index)
+            if frame is not None:
+                blank = np.zeros((frame.rig.height, frame.rig.width), np.uint8)  # of filter: it shows its mesh
+                return frame if frame.image is not None else replace(frame, image=blank)
         return None
 
     def _frame(self, index: int) -> Frame | None:
