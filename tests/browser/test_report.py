@@ -1,5 +1,6 @@
 """The report in a real browser, from disk, with the network cut."""
 
+import itertools
 import shutil
 from dataclasses import replace
 
@@ -106,7 +107,7 @@ def test_headings_are_in_order_and_landmarks_are_there(handed_on, open_page):
     levels = page.evaluate("[...document.querySelectorAll('h1, h2, h3')].map((h) => Number(h.tagName[1]))")
     assert levels[0] == 1
     assert levels.count(1) == 1
-    assert all(after - before <= 1 for before, after in zip(levels, levels[1:], strict=False))
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
     assert page.locator("html").get_attribute("lang") == "en"
     assert page.locator("main").count() == page.locator("nav").count() == page.locator("body > footer").count() == 1
     page.keyboard.press("Tab")

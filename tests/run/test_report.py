@@ -207,8 +207,8 @@ def test_it_is_said_what_an_offset_does_to_depth():
     assert "10 m are 20 m" in finding.words  # 500 · 0.2 / 10 = 10 px, of which half are left
 
 
-def test_exposures_that_differ_by_more_than_a_stop_are_to_be_looked_at():
-    said = [[one.verdict for one in judge_calibration({}, None, gain)][1:] for gain in ([1, 1.9], [1, 3], [1, 5], [1])]
+def test_exposures_that_differ_by_more_than_two_stops_are_to_be_looked_at():
+    said = [[one.verdict for one in judge_calibration({}, None, gain)][1:] for gain in ([1, 4], [1, 5], [1, 17], [1])]
     assert said == [["fine"], ["look at it"], ["wrong"], []]
 
 

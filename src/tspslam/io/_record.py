@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from .._files import bad_input, read_bytes
 from .._text import parse_json
-from ..errors import InputError
 
 _LARGEST_JSON = 1 << 30  # bytes
 _EXPECTED = "rows with the index and the stamp of each frame"
@@ -37,16 +35,6 @@ def checked_rows(path: Path, run: Mapping[str, Any]) -> list[dict[str, Any]]:
         if not (isinstance(row, dict) and _is_index(row.get("index")) and _is_number(row.get("stamp"))):
             raise bad_input(path, f"row {number} of per_frame has no index or no stamp that can be", _EXPECTED)
     return rows
-
-
-def why_not_stored(path: Path, index: int) -> str:
-    """Say why a frame of a finished run has no file, if the ``run.json`` at `path` tells."""
-    with contextlib.suppress(InputError):  # there may be none yet
-        rows = read_object(path).get("per_frame")
-        for row in rows if isinstance(rows, list) else ():
-            if isinstance(row, dict) and row.get("index") == index:
-                return f": {row.get('no_complex') or 'it is no keyframe, so it has a pose and no file'}"
-    return ""
 
 
 def _is_index(value: object) -> bool:

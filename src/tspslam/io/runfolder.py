@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -17,7 +18,7 @@ from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError, OutputError
 from . import _config
 from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMES_PICTURE, TIMINGS, check_places, is_result, is_word
-from ._record import checked_rows, read_object, why_not_stored
+from ._record import checked_rows, read_object
 from ._settling import is_ours, read_config, refuse_foreign, refuse_other_format, settle_config, sweep, unmake
 from .lock import FolderLock
 from .manifest import Unit, append_unit, read_manifest, sha256_file, write_manifest
@@ -183,6 +184,11 @@ class RunFolder:
         return self.path / "report.html"
 
     @property
+    def timings_picture_path(self) -> Path:
+        """Where the picture of ``timings.json`` goes, which varies as that does and is not in the manifest."""
+        return self.path / TIMES_PICTURE
+
+    @property
     def map_npz_path(self) -> Path:
         """Where the map goes, with all that is known of it."""
         return self.path / MAP
@@ -280,7 +286,7 @@ class RunFolder:
             stored = self.stored_frames
             near = sorted([k for k in stored if k < index][-1:] + [k for k in stored if k > index][:1])
             nearest = f", the nearest {' and '.join(map(str, near))}" if near else ""
-            why = f"has no finished frame {index}{why_not_stored(self.path / 'run.json', index)}"
+            why = f"has no finished frame {index}{self._why_not(index)}"
             raise bad_input(self.path, why, f"one of its {len(stored)} frames{nearest}")
         self.check_unchanged(target)
         return target
@@ -293,23 +299,24 @@ class RunFolder:
         path : str or path
             The file.
         """
-        if self._name(path) in self.units and not self.is_as_left(path):
-            raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
-
-    def is_as_left(self, path: PathLike) -> bool:
-        """Whether a file is listed and still what it was when the run left it.
-
-        Parameters: as `check_unchanged`.
-        Returns: as `is_done`.
-        """
         unit = self.units.get(self._name(path))
-        return unit is not None and self.is_done(path, input_hash=unit.input)
+        if unit is not None and not self.is_done(path, input_hash=unit.input):
+            raise bad_input(path, "is missing or was changed since the run", "the file that the manifest lists")
 
     @property
     def stored_frames(self) -> tuple[int, ...]:
         """Indices of the frames that have a file, ascending."""
         found = (_FRAME.fullmatch(name) for name in self.units)
         return tuple(sorted(int(match[1]) for match in found if match))
+
+    def _why_not(self, index: int) -> str:
+        """Why a frame of a finished run has no file, if ``run.json`` tells."""
+        with contextlib.suppress(InputError):  # there may be none yet
+            rows = self.read_run().get("per_frame")
+            for row in rows if isinstance(rows, list) else ():
+                if isinstance(row, dict) and row.get("index") == index:
+                    return f": {row.get('no_complex') or 'it is no keyframe, so it has a pose and no file'}"
+        return ""
 
     def keep(self, names: Iterable[str]) -> None:
         """Make these the folder's only finished units: the files of others go, and the manifest lists these by name.
@@ -349,19 +356,12 @@ class RunFolder:
         """
         return self._write_json("run.json", values)
 
-    def write_timings(self, values: Mapping[str, Any], picture: str | None = None) -> None:
-        """Write ``timings.json``, and ``timings.svg``: the only places for what varies from run to run.
+    def write_timings(self, values: Mapping[str, Any]) -> None:
+        """Write ``timings.json``, beside its picture the only place for what varies from run to run.
 
-        Parameters
-        ----------
-        values : dict
-            Fit for JSON, without NaN.
-        picture : str, optional
-            The same as a picture, SVG.
+        Parameters: as `write_run`.
         """
         self._write_json(TIMINGS, values)
-        if picture is not None:
-            write_bytes(self.path / TIMES_PICTURE, picture.encode("utf-8"))
 
     def read_run(self) -> dict[str, Any]:
         """Return what ``run.json`` holds; `InputError` if it is missing or damaged.

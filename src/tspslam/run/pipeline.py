@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._atomic import write_bytes
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from .._stopwatch import Stopwatch
@@ -15,7 +16,6 @@ from ..datasets import open_sequence
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
-from ..io._places import TIMES_PICTURE
 from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..topological_map import TopologicalMap
@@ -177,8 +177,9 @@ def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:
     from ..view._report_timings import timings_svg
 
     folder = sequence.folder
-    if sequence.seconds or not (folder.path / TIMES_PICTURE).exists():
-        folder.write_timings(times | {"machine": machine()}, timings_svg(times))
+    if sequence.seconds or not folder.timings_picture_path.exists():
+        folder.write_timings(times | {"machine": machine()})
+        write_bytes(folder.timings_picture_path, timings_svg(times).encode("utf-8"))
 
 
 def _require_source(source: object) -> None:

@@ -14,7 +14,6 @@ from .._files import PathLike, bad_input
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, read_trajectory
-from ..io._places import TIMES_PICTURE
 from ..io._record import checked_rows, read_object
 from ..io.topological import read_map
 from ..session import Settings
@@ -74,7 +73,7 @@ def describe_whole(
         findings=judge_calibration(record.get("calibration", {}), frame.rig, None if made is None else made.gain),
         settings=_changed(settings),
         shots=_shots(states, thinned(stored), lambda index: read_frame(folder.frame_path(index))),
-        stored=len(stored), timings=TIMES_PICTURE,
+        stored=len(stored), timings=folder.timings_picture_path.name,
     )  # fmt: skip
 
 
@@ -141,7 +140,8 @@ class _Found:
         try:
             return read()
         except (InputError, GeometryError) as error:
-            self.missing.append(str(error))
+            if str(error) not in self.missing:
+                self.missing.append(str(error))
             return None
 
     def record(self) -> dict[str, Any]:
@@ -194,11 +194,10 @@ class _Found:
     def first_frame(self) -> Frame | None:
         """The first stored frame that can be read, as the pages need it."""
         for index in self.folder.stored_frames:
-            if self.folder.is_as_left(self.folder.frame_path(index)):
-                frame = self._frame(index)
-                if frame is not None:
-                    blank = np.zeros((frame.rig.height, frame.rig.width), np.uint8)  # of filter: it shows its mesh
-                    return frame if frame.image is not None else replace(frame, image=blank)
+            frame = self._frame(index)
+            if frame is not None:
+                blank = np.zeros((frame.rig.height, frame.rig.width), np.uint8)  # of filter: it shows its mesh
+                return frame if frame.image is not None else replace(frame, image=blank)
         return None
 
     def _frame(self, index: int) -> Frame | None:
