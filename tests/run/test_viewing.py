@@ -1,6 +1,5 @@
 """A run folder is followed from outside, and a viewer beside a run changes nothing of it."""
 
-import contextlib
 import hashlib
 import http.client
 import importlib.util
@@ -26,6 +25,7 @@ from tspslam.run.viewing import Shots, _packed, serve, viewing
 from tspslam.run.watch import RunWatch
 
 from ..sequences import SETTINGS, corridor
+from ..serving import served
 
 needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reason="no viser")
 needs_signals = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
@@ -284,24 +284,6 @@ def test_a_run_ends_the_same_when_its_viewer_hangs_or_dies(kill, sequence, finis
         run(sequence, tmp_path / "run", resolve(assignments=SETTINGS), on_frame=spoilt)
     assert process.poll() is not None
     assert contents(tmp_path / "run") == contents(finished)
-
-
-@contextlib.contextmanager
-def served(*arguments):
-    """``tspslam view`` as a process in a group of its own, and its address."""
-    command = [sys.executable, "-m", "tspslam", "view", *map(str, arguments)]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
-        lines = []
-        try:
-            for line in process.stderr:
-                lines.append(line)
-                if line.startswith("viewer: "):
-                    break
-            yield process, lines
-        finally:
-            if process.poll() is None:
-                process.kill()
 
 
 def page_of(lines):

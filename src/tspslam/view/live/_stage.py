@@ -127,7 +127,7 @@ class Stage:
 
     def draw_now(self, T_world_camera: FloatArray, rig: Rig, pixels: Pixels | None) -> None:
         """The camera of the frame that the slider is on."""
-        self._put("now", self._frustum("/now", T_world_camera, rig, 2 * CAMERA, NOW_RGB, 3.0, pixels))
+        self._put("now", self._frustum("/cameras/now", T_world_camera, rig, 2 * CAMERA, NOW_RGB, 3.0, pixels))
 
     def draw_loops(self, loops: Sequence[tuple[int, int]], stations: Sequence[Station]) -> None:
         """A line between the two frames of each loop."""
