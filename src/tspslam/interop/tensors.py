@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..io.tensors import arrays_of_complex
 from ..topology.complex import Complex
 from ..types import Signals
 
@@ -117,13 +118,9 @@ def to_pyg(complex_: Complex, signals: Signals) -> dict[str, Any]:
     """
     torch = _torch()
     _check_sizes(complex_, signals)
-    x_0, x_1, x_2 = (_features(torch, values) for values in (signals.vertex, signals.edge, signals.face))
-    forward = torch.from_numpy(complex_.edges.T.astype(np.int64))
-    data = {"x": x_0, "edge_index": torch.cat([forward, forward.flip(0)], 1), "edge_attr": torch.cat([x_1, x_1])}
-    if isinstance(complex_.faces, np.ndarray):
-        data["face"] = torch.from_numpy(complex_.faces.T.astype(np.int64))
-    data |= {"x_0": x_0, "x_1": x_1, "x_2": x_2}
-    data |= {f"ok_{k}": torch.from_numpy(mask.copy()) for k, mask in enumerate(_masks(signals))}
+    arrays = arrays_of_complex(complex_, signals)
+    data = {name: torch.from_numpy(values) for name, values in arrays.items() if not name.startswith("B")}
+    data["x"] = data["x_0"]
     return data | {"incidence_1": to_torch(complex_.B1), "incidence_2": to_torch(complex_.B2)}
 
 
@@ -136,12 +133,6 @@ def _entries(matrix: Any) -> Any:
         found = f"{type(sparse).__name__} of shape {np.shape(sparse)}"
         raise InputError(f"matrix is {found}, expected a SciPy sparse matrix of real numbers")
     return sparse.tocoo()
-
-
-def _features(torch: Any, values: NDArray[np.float64]) -> Any:
-    """An (n,) or (n, C) signal as (n, C) float32."""
-    columns = values[:, None] if values.ndim == 1 else values
-    return torch.from_numpy(columns.astype(np.float32, order="C"))
 
 
 def _masks(signals: Signals) -> tuple[NDArray[np.bool_], ...]:

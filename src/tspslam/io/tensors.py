@@ -109,7 +109,7 @@ def tensors_of(shown: Frame | TopologicalMap) -> Arrays:
 
     Examples
     --------
-    >>> from tspslam import Session, Settings, datasets
+    >>> from tspslam import Session, datasets
     >>> arrays = tensors_of(Session(datasets.motorcycle().rig).process(datasets.motorcycle()))
     >>> E = len(arrays["x_1"])
     >>> arrays["edge_index"].shape == (2, 2 * E), arrays["B1_index"].shape == (2, 2 * E)
@@ -128,12 +128,12 @@ def tensors_of(shown: Frame | TopologicalMap) -> Arrays:
 
 
 def arrays_of_complex(complex_: Complex, signals: Signals) -> Arrays:
-    """Give a complex of triangles and its signals as plain arrays; `tspslam.interop.to_pyg` has them as tensors.
+    """Give a complex and its signals as plain arrays; `tspslam.interop.to_pyg` has them as tensors.
 
     Parameters
     ----------
     complex_ : Complex
-        N vertices, E edges, F faces.
+        N vertices, E edges, F faces; polygons will do.
     signals : Signals
         Its signals, of C channels (C = 1 for signals of shape (n,)).
 
@@ -147,7 +147,7 @@ def arrays_of_complex(complex_: Complex, signals: Signals) -> Arrays:
         edge_attr : (2E, C) float32
             Edge signals of those columns.
         face : (3, F) int64
-            Vertices of each triangle, ascending.
+            Vertices of each triangle, ascending. Absent for polygons.
         x_0, x_1, x_2 : (N, C), (E, C), (F, C) float32
             Signals of vertices, edges and faces; 0 where there is none.
         ok_0, ok_1, ok_2 : (N,), (E,), (F,) bool
@@ -171,10 +171,11 @@ def arrays_of_complex(complex_: Complex, signals: Signals) -> Arrays:
         "x": x_0,
         "edge_index": np.concatenate([forward, forward[::-1]], axis=1),
         "edge_attr": np.concatenate([x_1, x_1]),
-        "face": complex_.faces.T.astype(np.int64),
         "x_0": x_0, "x_1": x_1, "x_2": x_2,
     }  # fmt: skip
-    made |= {f"ok_{k}": getattr(signals, f"{level}_ok") for k, level in enumerate(_LEVELS)}
+    if isinstance(complex_.faces, np.ndarray):
+        made["face"] = complex_.faces.T.astype(np.int64)
+    made |= {f"ok_{k}": getattr(signals, f"{level}_ok").copy() for k, level in enumerate(_LEVELS)}
     return made | _entries("B1", complex_.B1) | _entries("B2", complex_.B2)
 
 
