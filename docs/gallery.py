@@ -213,6 +213,11 @@ def regions_of_a_frame(names: Names) -> Figure:
     return figure
 
 
+def map_of_a_run(names: Names) -> Path:
+    """One of the pictures that the run has left."""
+    return next(path for path in names["pictures"] if path.stem == "map_path")
+
+
 DRAWN: dict[str, Callable[[Names], Figure | Path]] = {
     "01_one_call": phase_over_the_image,
     "02_parts": responses_of_one_and_two_rings,
@@ -221,6 +226,7 @@ DRAWN: dict[str, Callable[[Names], Figure | Path]] = {
     "05_flows_on_a_torus": flows_on_a_torus,
     "06_one_map": map_of_a_room,
     "07_uses": regions_of_a_frame,
+    "08_look": map_of_a_run,
 }
 
 if __name__ == "__main__":

@@ -132,3 +132,18 @@ def test_one_map_of_a_room_takes_all_tools(tmp_path):
     assert of_faces == faces > 4 * polygons
     assert 0.2 < luminance < 0.8
     assert numbers(printed, "pictures:")[0] == len(list((tmp_path / "pictures").glob("*.png"))) == 4
+
+
+def test_a_run_is_watched_and_what_it_left_is_read_back(tmp_path):
+    for _ in range(2):  # the second time all is there
+        printed = run_example("08_look.py", tmp_path, tmp_path / "kept")
+        stages = re.findall(r"^stage (\w+):", printed, re.MULTILINE)
+        assert stages[:2] == ["tracking", "adjustment"]
+        assert printed.count("status: complete, 13 of 13 frames tracked\n") == 1
+        faces, keyframes = numbers(printed, "map:")
+        assert faces > 1000
+        assert keyframes >= 5
+        assert numbers(printed, "path: off by")[0] < 0.05
+        assert numbers(printed, "pictures:")[0] == 13
+    assert stages == ["tracking", "adjustment"]
+    assert (tmp_path / "kept" / "run" / "report.html").stat().st_size > 100_000

@@ -137,6 +137,19 @@ def test_remarks_for_programs_are_objects(capsys):
     assert lines[3:] == ["plain"]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot tell whether a pipe has room")
+def test_a_reader_who_does_not_read_holds_nothing_up(monkeypatch):
+    reader, writer = os.pipe()
+    with open(reader, encoding="utf-8") as ours, open(writer, "w", encoding="utf-8") as theirs:
+        monkeypatch.setattr(sys, "stderr", theirs)
+        for k in range(20_000):  # over a megabyte, far more than a pipe holds
+            printing.note_json({"stage": "tracking", "done": k, "total": 10**9, "left_s": None})
+        theirs.close()
+        kept = [json.loads(line)["done"] for line in ours]
+    assert kept == list(range(len(kept)))
+    assert 10 < len(kept) < 20_000
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_names_that_the_stream_cannot_hold_are_escaped(tmp_path, encoding):
     (tmp_path / "漢é.txt").write_text("P0: 50 0 10 0 0 50 5 0 0 0 1 0\nP1: 50 0 10 -5 0 50 5 0 0 0 1 0\n")

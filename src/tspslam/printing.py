@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import os
+import select
 import sys
 import threading
 import traceback
@@ -95,16 +96,24 @@ def _remark(line: str) -> str:
 
 
 def note_json(values: dict[str, object]) -> None:
-    """Print an object as one line of JSON on stderr, if anybody listens.
+    """Print an object as one line of JSON on stderr, if anybody listens; none waits for a reader who does not read.
 
     Parameters
     ----------
     values : dict
         Plain values; numbers are finite.
     """
-    if sys.stderr is not None:
+    if sys.stderr is not None and _has_room(sys.stderr):
         with _LOCK, contextlib.suppress(OSError):
             _write(sys.stderr, (json.dumps(values, allow_nan=False),))
+
+
+def _has_room(stream: TextIO) -> bool:
+    """Whether a line can be written now: a pipe that nobody empties would hold the writer up, and the run with it."""
+    try:
+        return bool(select.select([], [stream], [], 0)[1])
+    except (OSError, ValueError):  # it has no number, or it is Windows, which cannot tell
+        return True
 
 
 @contextlib.contextmanager
