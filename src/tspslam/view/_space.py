@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._brief import Brief
+from .._brief import Brief, brief
 from ..errors import InputError
 from ..frame import Frame
 from ..topological_map import TopologicalMap
@@ -46,6 +46,9 @@ class Station(NamedTuple):
     number: int
     T_world_camera: FloatArray
     state: State
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 @dataclass(frozen=True, repr=False)

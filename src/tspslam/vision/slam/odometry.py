@@ -229,13 +229,9 @@ class StereoOdometry:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        *,
-        detector: Detector | None = None,
-        matcher: Matcher | None = None,
+        self, rig: Rig, *, detector: Detector | None = None, matcher: Matcher | None = None,
         tracking: Tracking | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.rig, self.tracking = rig, Tracking() if tracking is None else tracking
         self._detect = OrbDetector() if detector is None else detector
         self._match = RowMatcher() if matcher is None else matcher
