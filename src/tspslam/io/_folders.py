@@ -16,15 +16,18 @@ from ..errors import OutputError
 
 
 @contextlib.contextmanager
-def new_folder(path: PathLike) -> Iterator[Path]:
+def new_folder(path: PathLike, *, is_replaced: bool = False) -> Iterator[Path]:
     """Make a folder beside `path` that takes its name when the block ends without an error.
 
-    All files are synced to disk before. On any failure, an interruption included, the folder is removed.
+    All files are synced to disk before. On any failure, an interruption included, the folder is removed, and what was
+    there before is as it was.
 
     Parameters
     ----------
     path : str or path
         The folder to make: not there yet, or empty. The folder above it must exist.
+    is_replaced : bool
+        Whether a folder with files in it may go.
 
     Yields
     ------
@@ -48,12 +51,11 @@ def new_folder(path: PathLike) -> Iterator[Path]:
     'whole'
     """
     target = Path(os.path.abspath(os.fspath(path)))
-    with _beside(path, target, _check_free) as temporary:
+    with _beside(path, target, _check_folder if is_replaced else _check_free) as temporary:
         yield temporary
         _sync_files(temporary)
-        with contextlib.suppress(FileNotFoundError):
-            target.rmdir()
-        temporary.rename(target)
+        with _out_of_the_way(target):
+            temporary.rename(target)
         _sync_folder(target.parent)
 
 
@@ -90,7 +92,7 @@ def new_file(path: PathLike) -> Iterator[Path]:
 @contextlib.contextmanager
 def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iterator[Path]:
     """A folder beside the target that is gone at the end, unless it was renamed; what goes wrong is ours to say."""
-    temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
+    temporary = _temporary(target)
     try:
         check(target)
         temporary.mkdir()
@@ -104,6 +106,31 @@ def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iter
         raise OutputError(str(error).replace(str(temporary), str(path))) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _out_of_the_way(target: Path) -> Iterator[None]:
+    """Rename a folder for a block that puts another in its place; it comes back if that fails, and else is removed."""
+    if not target.exists():
+        yield
+        return
+    aside = _temporary(target)
+    target.rename(aside)
+    try:
+        yield
+    except BaseException:
+        aside.rename(target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def _temporary(target: Path) -> Path:
+    return target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
+
+
+def _check_folder(target: Path) -> None:
+    if os.path.islink(target) or (target.exists() and not target.is_dir()):
+        raise bad_input(target, "is there and is no folder", "a free name, or a folder")
 
 
 def _check_file(target: Path) -> None:

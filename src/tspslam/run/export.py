@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..io import RunFolder
-from ..io._new_folder import fill_folder
+from ..io._export_folder import fill_folder
 from ._export_rrd import export_rrd
 from ._export_runs import export_bag, export_colmap, export_nerfstudio
 from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..io._new_folder import check_free
+from ..io._export_folder import check_free
 from ..io._places import is_of_a_run
 from ..io._settling import is_run_folder
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import secrets
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, write_bytes
+from .._atomic import write_bytes
 from .._files import bad_input, read_bytes, reason_of
-from ..errors import InputError, OutputError
+from ..errors import InputError
+from ._folders import new_folder
 
 MARK = "tspslam-export.json"
 _LARGEST_MARK = 1 << 24  # bytes
@@ -70,41 +69,11 @@ def fill_folder(path: Path, kind: str, *, is_forced: bool = False) -> Iterator[P
         If the system refuses.
     """
     check_free(path, kind, is_forced=is_forced)
-    try:
-        target = Path(os.path.realpath(path))
-    except (OSError, ValueError) as error:
-        raise bad_output(path, error) from error
-    temporary, aside = (target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}") for _ in "ab")
-    try:
-        temporary.mkdir()
-        yield temporary
-        _seal(temporary, kind)
-        if target.exists():
-            os.rename(target, aside)
-        try:
-            os.rename(temporary, target)
-        except OSError:
-            if aside.exists():
-                os.rename(aside, target)
-            raise
-    except OutputError as error:  # of a file in it
-        raise OutputError(str(error).replace(str(temporary), str(path))) from error
-    except OSError as error:
-        raise bad_output(path, error) from error
-    finally:
-        for each in (temporary, aside):
-            shutil.rmtree(each, ignore_errors=True)
-
-
-def _seal(folder: Path, kind: str) -> None:
-    """Sync all files, and write the list of them."""
-    files = sorted(each for each in folder.rglob("*") if each.is_file())
-    for each in files:
-        with each.open("rb") as handle:
-            os.fsync(handle.fileno())
-    names = [each.relative_to(folder).as_posix() for each in files]
-    written = json.dumps({"export": kind, "files": [*names, MARK], "of": "tspslam"}, indent=1, ensure_ascii=False)
-    write_bytes(folder / MARK, f"{written}\n".encode())
+    with new_folder(path, is_replaced=is_forced) as folder:
+        yield folder
+        names = sorted(each.relative_to(folder).as_posix() for each in folder.rglob("*") if each.is_file())
+        written = json.dumps({"export": kind, "files": [*names, MARK], "of": "tspslam"}, indent=1, ensure_ascii=False)
+        write_bytes(folder / MARK, f"{written}\n".encode())
 
 
 def _files_of_ours(mark: Path, kind: str) -> set[str] | None:

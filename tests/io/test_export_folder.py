@@ -7,7 +7,7 @@ import os
 import pytest
 
 from tspslam import InputError, OutputError
-from tspslam.io._new_folder import MARK, check_free, fill_folder
+from tspslam.io._export_folder import MARK, check_free, fill_folder
 
 
 def write(path, content=b"one", name="inner/a", **options):
