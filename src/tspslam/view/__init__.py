@@ -1,4 +1,4 @@
-"""Looking at results: pictures of a frame or a map, and a report that needs nothing but a browser.
+"""Looking at results: pictures of a frame or a map, a report that needs nothing but a browser, a viewer of a run.
 
 Names are loaded when they are first used, so importing this package does not import matplotlib.
 """
@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ._frame import phase_colours as phase_colours
+    from ._report_parts import Finding as Finding
+    from ._report_parts import FrameState as FrameState
+    from ._report_parts import Shot as Shot
+    from ._report_parts import WholeRun as WholeRun
     from .map_pictures import write_map_pictures as write_map_pictures
     from .paths import write_path_picture as write_path_picture
     from .paths import write_plan_picture as write_plan_picture
@@ -18,6 +22,10 @@ if TYPE_CHECKING:
     from .scene import write_scene as write_scene
 
 _HOME = {
+    "Finding": "_report_parts",
+    "FrameState": "_report_parts",
+    "Shot": "_report_parts",
+    "WholeRun": "_report_parts",
     "phase_colours": "_frame",
     "write_map_pictures": "map_pictures",
     "write_path_picture": "paths",
@@ -28,6 +36,10 @@ _HOME = {
 }
 
 __all__ = [
+    "Finding",
+    "FrameState",
+    "Shot",
+    "WholeRun",
     "phase_colours",
     "write_map_pictures",
     "write_path_picture",
