@@ -178,7 +178,8 @@ class Drawing {
     for (const extra of halo ? [2.5, 0] : [0]) {
       gl.uniform4fv(uniforms.cover, extra ? [...this.paper.map((x) => x / 255), 1] : [0, 0, 0, 0]);
       gl.uniform1f(uniforms.width, (width + extra) * this.ratio);
-      gl.uniform1f(uniforms.lift, extra ? lift : 2 * lift);
+      gl.uniform1f(uniforms.lift, lift);
+      gl.depthMask(!extra); // no halo hides a line
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, batch.count);
     }
   }
