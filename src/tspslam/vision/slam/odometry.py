@@ -262,11 +262,6 @@ class StereoOdometry:
         return len(self.mapper.closures)
 
     @property
-    def loop_closures(self) -> tuple[tuple[int, int], ...]:
-        """Of each loop the number of its frame, and that of the keyframe that the camera came back to."""
-        return tuple(self.mapper.closures)
-
-    @property
     def unsolved(self) -> int:
         """How many adjustments had no solution."""
         return self.mapper.unsolved
