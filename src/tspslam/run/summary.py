@@ -67,7 +67,7 @@ def summarize_run(
         "keyframes": sum(row.is_keyframe for row in tracked),
         "landmarks": len(odometry.map.xyz) if odometry else 0,
         "loops": odometry.loops if odometry else 0,
-        "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.loop_closures] if odometry else [],
+        "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.mapper.closures] if odometry else [],
         "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],
         "complex": _sizes(stored),
         "defined": defined,

@@ -256,7 +256,7 @@ def test_two_parts_of_a_map_are_joined_when_the_camera_comes_back(walk, monkeypa
     tracked = [odometry.process(replace(pairs[k], stamp=float(n))) for n, k in enumerate(order)]
     assert [n for n, one in enumerate(tracked) if one.is_lost] == [26, 27, 28]
     assert tracked[28].is_keyframe
-    ((frame, earlier),) = odometry.loop_closures
+    ((frame, earlier),) = odometry.mapper.closures
     assert (odometry.loops, tracked[frame].is_keyframe) == (1, True)
     assert earlier < 26 < frame
     assert not any(frame.is_start for frame in odometry.map.keyframes)
