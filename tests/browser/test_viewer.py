@@ -70,7 +70,7 @@ def is_flat(pixels):
 
 
 def differs(before):
-    return lambda now: np.abs(now - before).mean() > 0.05
+    return lambda now: np.count_nonzero(np.abs(now - before) > 10) > 20  # pixels
 
 
 def control(page, label):

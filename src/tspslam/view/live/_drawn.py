@@ -59,13 +59,19 @@ class Drawn(Brief):
         return self._along_curve[shown[self._along_curve]]
 
     def edge_rows(self, *, has_ceiling: bool) -> NDArray[np.int64]:
-        """Edges that are shown: those whose ends are, but not those of a hidden ceiling alone."""
-        shown = self.is_in_reach[self.edges].all(axis=1)
-        if not has_ceiling and self.is_ceiling.any():
-            is_used = np.zeros(len(self.xyz), np.bool_)
-            is_used[self.faces[self.rows(has_ceiling=False)]] = True
-            shown &= is_used[self.edges].all(axis=1)
-        return np.flatnonzero(shown)
+        """Edges that are shown: those whose ends are."""
+        return np.flatnonzero(self._vertex_shown(has_ceiling)[self.edges].all(axis=1))
+
+    def vertex_rows(self, *, has_ceiling: bool) -> NDArray[np.int64]:
+        """Vertices that are shown: all in reach, but not those of a hidden ceiling alone."""
+        return np.flatnonzero(self._vertex_shown(has_ceiling))
+
+    def _vertex_shown(self, has_ceiling: bool) -> BoolArray:
+        if has_ceiling or not self.is_ceiling.any():
+            return self.is_in_reach
+        is_used = np.zeros(len(self.xyz), np.bool_)
+        is_used[self.faces[self.rows(has_ceiling=False)]] = True
+        return is_used
 
     @cached_property
     def _face_in_reach(self) -> BoolArray:

@@ -24,7 +24,7 @@ PATH_RGB, LOST_RGB, NOW_RGB, LOOP_RGB, PICK_RGB = (
     (156, 54, 181),
     (255, 0, 128),
 )
-INK = (60, 66, 74)
+INK, POINT_RGB = (60, 66, 74), (12, 133, 153)
 SWITCHES = ("surface", "edges", "points", "path", "cameras", "pictures", "loops")
 THICK_EDGES = 60_000  # more are drawn as lines of one pixel, which the browser draws faster
 CLOUD_POINTS, CLOUDS = 1000, 200  # of a keyframe while there is no map; keyframes whose points are shown
@@ -80,12 +80,14 @@ class Stage:
                 "edges", self._lines("/edges/all", ends, np.repeat(rgb[:, None], 2, axis=1), 2.0 if is_theirs else 1.0)
             )
 
-    def draw_points(self, drawn: Drawn, layer: Layer | None) -> None:
+    def draw_points(self, drawn: Drawn, layer: Layer | None, *, has_ceiling: bool) -> None:
         """Vertices, in the colours of a vertex layer."""
         is_theirs = layer is not None and layer.level == "vertex"
-        rgb = colours_of(layer) if layer is not None and is_theirs else np.full((len(drawn.xyz), 3), INK, np.uint8)
-        keep = drawn.is_in_reach
-        self._put("points", self._cloud("/points/all", drawn.xyz[keep], rgb[keep], 2.0))
+        rgb = (
+            colours_of(layer) if layer is not None and is_theirs else np.full((len(drawn.xyz), 3), POINT_RGB, np.uint8)
+        )
+        rows = drawn.vertex_rows(has_ceiling=has_ceiling)
+        self._put("points", self._cloud("/points/all", drawn.xyz[rows], rgb[rows], 5.0))
 
     def add_cloud(self, frame: Frame, T_world_camera: FloatArray) -> None:
         """Some points of a keyframe, in their luminance, while there is no map."""
@@ -95,7 +97,7 @@ class Stage:
         xyz = frame.cloud.xyz[some] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
         signal = frame.signals.vertex[some]
         grey = np.rint(255 * np.clip(signal if signal.ndim == 1 else signal.mean(axis=1), 0, 1)).astype(np.uint8)
-        self._clouds[frame.index] = self._cloud(f"/points/{frame.index}", xyz, np.repeat(grey[:, None], 3, axis=1), 2.0)
+        self._clouds[frame.index] = self._cloud(f"/points/{frame.index}", xyz, np.repeat(grey[:, None], 3, axis=1), 3.0)
         for number in sorted(self._clouds)[:-CLOUDS]:
             self._clouds.pop(number).remove()
 

@@ -277,7 +277,7 @@ class Viewer:
         elif name == "edges":
             self._stage.draw_edges(drawn, layer, has_ceiling=has_ceiling)
         else:
-            self._stage.draw_points(drawn, layer)
+            self._stage.draw_points(drawn, layer, has_ceiling=has_ceiling)
 
     def _layer(self) -> Any:
         chosen, layers = self._panel.layer.value, self._drawn.layers if self._drawn is not None else []
