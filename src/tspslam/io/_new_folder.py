@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, bad_output, write_bytes
+from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, _sync_folder, bad_output, write_bytes
 from .._files import bad_input, read_bytes, reason_of
 from ..errors import InputError, OutputError
 
@@ -87,6 +87,7 @@ def fill_folder(path: Path, kind: str, *, is_forced: bool = False) -> Iterator[P
             if aside.exists():
                 os.rename(aside, target)
             raise
+        _sync_folder(target.parent)
     except OutputError as error:  # of a file in it
         raise OutputError(str(error).replace(str(temporary), str(path))) from error
     except OSError as error:
