@@ -177,6 +177,26 @@ def test_a_series_has_the_map_and_the_path_beside_it(folder, tmp_path):
     assert np.flatnonzero(path.point_data["is_keyframe"]).tolist() == list(walk.keyframes)
 
 
+def test_a_run_without_a_map_shows_its_first_frame_in_its_place(folder, tmp_path):
+    bare = shutil.copytree(folder, tmp_path / "bare")
+    (bare / "map.npz").unlink()
+    out, walk = made(bare, "pvd", tmp_path), load_run(folder)
+    np.testing.assert_array_equal(grid(out / "map.vtu").xyz, walk.frame(0).cloud.xyz)
+    assert len(list((out / "frames").iterdir())) == len(walk.keyframes)
+    with pytest.raises(InputError, match="has no map of its keyframes; expected --frame"):
+        export(bare, "glb", tmp_path / "a.glb")
+
+
+def test_a_mesh_that_was_filtered_is_exported_though_it_has_no_path(pair_folder, pair_files, tmp_path):
+    mesh = export(pair_folder, "ply", tmp_path / "mesh.ply")
+    words = ["filter", mesh, "--image", pair_files / "left.png", "--calib", pair_files / "calib.yaml"]
+    assert cli.exit_code([str(word) for word in [*words, "--out", tmp_path / "filtered"]]) == 0
+    out = export(tmp_path / "filtered", "pvd", tmp_path / "out")
+    assert len(grid(out / "path.vtu").xyz) == len(list((out / "frames").iterdir())) == 1
+    assert len(grid(out / "map.vtu").faces) > 100
+    assert list(geometry(export(tmp_path / "filtered", "glb", tmp_path / "a.glb"))[1]) == ["faces"]
+
+
 def test_the_state_is_a_program_that_names_files_beside_it_and_columns_in_them(folder, tmp_path):
     out = made(folder, "pvd", tmp_path)
     text = (out / "state.py").read_text(encoding="utf-8")

@@ -112,7 +112,7 @@ def export(
         If it cannot be written.
     """
     chosen = FORMATS[to]
-    name, shown = shown_of_run(run, frame)
+    name, shown = shown_of_run(run, frame if chosen.has_frames else _first_without_map(run))
     target = output or Path(_default_name(chosen, run.resolve().name, name))
     given = Exported(run, shown, layer)
     if chosen.kind is None:
@@ -123,6 +123,12 @@ def export(
     check_place(target, file_kind(shown, target, to) if to in OURS else chosen.kind, [run], is_forced=is_forced)
     chosen.write(given, target)
     return target
+
+
+def _first_without_map(run: Path) -> int | None:
+    """Index of the frame that stands for the map of a run without one, as in its own map.vtu; None where it has one."""
+    folder = RunFolder.open(run)
+    return None if folder.map_npz_path.exists() or not folder.stored_frames else folder.stored_frames[0]
 
 
 def _default_name(chosen: Format, run: str, part: str) -> str:

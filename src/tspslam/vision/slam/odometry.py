@@ -258,11 +258,6 @@ class StereoOdometry:
         return len(self.mapper.closures)
 
     @property
-    def loop_closures(self) -> tuple[tuple[int, int], ...]:
-        """Frames that closed a loop, each with the keyframe that it came back to."""
-        return tuple(self.mapper.closures)
-
-    @property
     def unsolved(self) -> int:
         """How many adjustments had no solution."""
         return self.mapper.unsolved
