@@ -19,6 +19,7 @@ from PIL import Image
 
 import tspslam
 from tspslam import cli
+from tspslam.datasets import synthetic
 from tspslam.io import _frame_schema as schema
 from tspslam.io import read_vtu
 from tspslam.run.config import resolve
@@ -80,6 +81,20 @@ def test_the_first_picture_is_small():
     assert path.stat().st_size < 400_000
     assert "images/street.png" in page("index")
     assert "docs/images/street.png" in readme()
+
+
+def test_the_first_picture_can_be_drawn_again():
+    found = importlib.util.spec_from_file_location("street", DOCS / "street.py")
+    street = importlib.util.module_from_spec(found)
+    found.loader.exec_module(street)
+    walk = synthetic.SyntheticSequence(synthetic.corridor(1.0))
+    with tspslam.Session(walk.rig) as session:
+        for pair in walk:
+            session.process(pair)
+        session.finish()
+        picture = street.draw(tspslam.build_map(session))
+    assert picture.size == street.SIZE[::-1]
+    assert len(picture.getcolors()) > 50
 
 
 def command_lines():
@@ -210,7 +225,7 @@ def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path)
     html = tmp_path / "html"
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", "-d", tmp_path / "doctrees", DOCS, html],
-        capture_output=True, encoding="utf-8", timeout=300,
+        capture_output=True, encoding="utf-8", timeout=900,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     pages = [path.read_text(encoding="utf-8") for path in html.glob("*.html")]
