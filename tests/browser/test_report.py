@@ -9,7 +9,7 @@ import pytest
 from tspslam import InputError, StereoPair
 from tspslam.run.config import resolve
 from tspslam.run.mesh import filter_mesh
-from tspslam.run.pipeline import run
+from tspslam.run.pipeline import OnePair, run
 from tspslam.run.report import write_page
 from tspslam.topology.harmonic import Tmahf
 
@@ -204,6 +204,18 @@ def test_it_prints_with_one_frame_and_folded_tables(handed_on, open_page, tmp_pa
     pdf = page.pdf(path=tmp_path / "page.pdf", print_background=True)
     assert len(pdf) > 50_000
     assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") >= 3
+
+
+def test_a_single_pair_shows_its_image_without_a_strip_of_one(tmp_path, open_page):
+    run(OnePair(Drive()[0]), tmp_path / "one", resolve(assignments=SETTINGS))
+    page, heard = open_page(tmp_path / "one/report.html", width=390)
+    assert page.locator(".screen").is_visible()
+    assert page.locator(".previews").is_hidden()
+    assert page.get_by_role("button", name="Next").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.emulate_media(media="print")
+    assert page.locator(".previews img").is_visible()
+    assert heard.errors == []
 
 
 def test_a_page_of_a_mesh_is_sound_too(made, tmp_path, open_page, sequence):

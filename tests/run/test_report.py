@@ -164,6 +164,12 @@ def test_a_truth_that_does_not_fit_is_a_line(tmp_path, truth):
     assert "\n" not in line
 
 
+def test_a_piece_of_a_sequence_is_compared_with_that_piece_of_the_truth(tmp_path, drive):
+    found = run(drive, tmp_path / "run", resolve(assignments=SETTINGS), frames=range(1, 5)).run
+    assert (found["evaluation"]["matched"], found["evaluation"]["truth_total"]) == (4, 4)
+    assert "truth" not in [one["code"] for one in found["warnings"]]
+
+
 def test_too_short_a_path_is_not_compared_and_that_is_no_news(tmp_path, drive):
     found = run(drive, tmp_path / "run", resolve(assignments=SETTINGS), frames=range(2)).run
     assert "evaluation" not in found
@@ -364,6 +370,7 @@ def test_a_damaged_file_is_named_and_the_rest_is_shown(copy, tmp_path, capsys, n
 def test_rows_that_are_none_do_not_stop_the_page(copy, tmp_path, capsys):
     def change(run):
         values = record(run) | {"per_frame": [{"index": "x"}], "calibration": 3, "warnings": 4, "frames": "many"}
+        values |= {"evaluation": {"matched": "<b>", "ate_rmse_m": 10**400}, "loop_closures": [[[]]], "skipped": [[]]}
         with RunFolder.create(run, RunFolder.open(run).config) as folder:
             unit = folder.units["run.json"]
             folder.record(folder.write_run(values), input_hash=unit.input)

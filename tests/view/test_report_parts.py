@@ -208,10 +208,10 @@ def test_verdicts_have_words_and_marks():
 
 def test_settings_that_differ_are_shown_with_default_and_unit():
     row = {"value": 800, "default": 2000, "unit": "keypoints", "meaning": "Keypoints wanted."}
-    page = settings_section({"detector.count": row}, is_run=True)
+    page = settings_section({"detector.count": row})
     assert "<td>detector.count</td><td>800</td><td>2\N{NARROW NO-BREAK SPACE}000</td><td>keypoints</td>" in page
-    assert "All settings are the defaults" in settings_section({}, is_run=True)
-    assert settings_section({}, is_run=False) == ""
+    assert "All settings are the defaults" in settings_section({})
+    assert settings_section(None) == ""
 
 
 def test_a_very_long_table_is_cut_and_it_is_said():
@@ -242,6 +242,7 @@ def test_names_of_strangers_are_harmless_in_every_section(frame, tmp_path):
         missing=[EVIL],
     )
     run = {"source": EVIL, "status": EVIL, "frames": 3, "warnings": [{"code": EVIL, "message": EVIL}]}
+    run["evaluation"] = dict.fromkeys(("matched", "total", "ate_rmse_m"), EVIL) | {"scale": 10**400}
     page = write_report(frame, run, [], tmp_path / "a.html", whole=whole).read_text(encoding="utf-8")
     plain = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "<img src=x" not in page

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,9 @@ def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0
     return _by_number(_numbered(estimate), _numbered(reference))
 
 
-def measured(source: object, path: Trajectory) -> tuple[TrajectoryErrors | None, list[dict[str, str]]]:
+def measured(
+    source: object, path: Trajectory, wanted: Sequence[int]
+) -> tuple[TrajectoryErrors | None, list[dict[str, str]]]:
     """Compare a path with the true one of its source, if there is one; what does not fit is a warning.
 
     Parameters
@@ -98,6 +101,8 @@ def measured(source: object, path: Trajectory) -> tuple[TrajectoryErrors | None,
         What was processed; some have ``truth``.
     path : Trajectory
         Its path.
+    wanted : sequence of int
+        Which of its frames were processed: true poses of others are left out.
 
     Returns
     -------
@@ -110,6 +115,9 @@ def measured(source: object, path: Trajectory) -> tuple[TrajectoryErrors | None,
         return None, []
     try:
         reference = _true_path(source)
+        if reference is not None and len(reference) > max(wanted):
+            at = list(wanted)
+            reference = Trajectory(reference.stamp[at], reference.T_world_camera[at])
         errors = None if reference is None else evaluate_trajectory(path, reference)
     except (GeometryError, InputError) as error:
         return None, [{"code": "truth", "message": f"the path is not compared with the true one ({error})"}]

@@ -43,7 +43,7 @@ def frame_states(run: Mapping[str, Any]) -> list[FrameState]:
     rows = {row["index"]: row for row in _rows(run.get("per_frame"))}
     seen = [_count(row) for row in rows.values() if not row.get("is_lost")]
     least = max(_FEWEST, THIN * float(np.median(seen))) if seen else 0.0
-    loops = {pair[0] for pair in _rows(run.get("loop_closures"), kind=list) if pair}
+    loops = {pair[0] for pair in _rows(run.get("loop_closures"), kind=list) if pair and type(pair[0]) is int}
     states = {k: FrameState(k, "", None, "skipped", None) for k in _rows(run.get("skipped"), kind=int)}
     for k, row in rows.items():
         state = _state_of(row, least, is_loop=k in loops)
@@ -81,7 +81,7 @@ def _rows(value: Any, kind: type = dict) -> list[Any]:
 
 def _count(row: Mapping[str, Any]) -> int:
     value = row.get("landmarks_seen")
-    return value if isinstance(value, int) else 0
+    return value if type(value) is int and 0 <= value < _WILD else 0
 
 
 def _state_of(row: Mapping[str, Any], least: float, *, is_loop: bool) -> State:

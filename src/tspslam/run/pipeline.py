@@ -225,7 +225,7 @@ def _process_all(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    errors, said = measured(sequence.source, sequence.trajectory)
+    errors, said = measured(sequence.source, sequence.trajectory, sequence.wanted)
     record |= {"evaluation": describe_errors(errors)} if errors else {}
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
 
@@ -264,7 +264,10 @@ def _write_results(
     shown = read_frame(folder.frame_path(sequence.stored[0].index))
     places = [row.index for row in sequence.tracked]
     poses = dict(zip(places, sequence.session.trajectory.T_world_camera, strict=True))
-    whole = describe_whole(folder, record, sequence.session.settings, shown, made=made, poses=poses, errors=errors)
+    whole = describe_whole(
+        folder, record, sequence.session.settings, [row.index for row in sequence.stored],
+        rig=shown.rig, made=made, poses=poses, errors=errors,
+    )  # fmt: skip
     write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, whole=whole, at=at)
     return record
 

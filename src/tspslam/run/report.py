@@ -18,7 +18,7 @@ from ..io._record import checked_rows, read_object
 from ..io.topological import read_map
 from ..session import Settings
 from ..topological_map import TopologicalMap
-from ..types import FloatArray
+from ..types import FloatArray, Rig
 from ..view._map_section import MAP_CAPTIONS
 from ..view._report_gallery import shot_of, thinned
 from ..view._report_parts import FrameState, Shot, WholeRun
@@ -41,8 +41,8 @@ class Page:
 
 
 def describe_whole(
-    folder: RunFolder, record: Mapping[str, Any], settings: Resolved | Settings, frame: Frame,
-    *, made: TopologicalMap | None, poses: Mapping[int, FloatArray], errors: TrajectoryErrors | None,
+    folder: RunFolder, record: Mapping[str, Any], settings: Resolved | Settings, stored: Sequence[int],
+    *, rig: Rig, made: TopologicalMap | None, poses: Mapping[int, FloatArray], errors: TrajectoryErrors | None,
 ) -> WholeRun:  # fmt: skip
     """Collect what the report in a run's own folder shows; frames are read one at a time, when their turn comes.
 
@@ -54,8 +54,10 @@ def describe_whole(
         Content of ``run.json``.
     settings : Resolved or Settings
         Of the run.
-    frame : Frame
-        Any of its frames.
+    stored : sequence of int
+        Its frames that have a file; the folder may still have those of an earlier call.
+    rig : Rig
+        Its cameras.
     made : TopologicalMap or None
         Its map.
     poses : dict of int to (4, 4) float64
@@ -67,10 +69,10 @@ def describe_whole(
     -------
     WholeRun
     """
-    states, stored = frame_states(record), folder.stored_frames
+    states = frame_states(record)
     return WholeRun(
         states=states, poses=poses, errors=errors,
-        findings=judge_calibration(record.get("calibration", {}), frame.rig, None if made is None else made.gain),
+        findings=judge_calibration(record["calibration"], rig, None if made is None else made.gain),
         settings=_changed(settings),
         shots=_shots(states, thinned(stored), lambda index: read_frame(folder.frame_path(index))),
         stored=len(stored), timings=folder.timings_picture_path.name,
@@ -215,12 +217,12 @@ class _Found:
         rows = [(row["index"], at.get(row["stamp"])) for row in record.get("per_frame", [])]
         return {index: track.T_world_camera[k] for index, k in rows if k is not None}
 
-    def settings(self) -> dict[str, dict[str, Any]]:
-        """Settings that are not the default; of ``tspslam filter`` there are none."""
+    def settings(self) -> dict[str, dict[str, Any]] | None:
+        """Settings that are not the default; of ``tspslam filter`` they have no names."""
         if "command" in self.folder.config:
-            return {}
+            return None
         resolved = self.tried(lambda: resolve(file=self.folder.path / "config.yaml"))
-        return {} if resolved is None else _changed(resolved)
+        return None if resolved is None else _changed(resolved)
 
     def timings(self) -> dict[str, Any] | None:
         """``timings.json``, which is written last."""

@@ -119,12 +119,13 @@ svg .open { fill: none; stroke: var(--quiet); stroke-width: 1.5; vector-effect: 
 .previews [aria-current] { border-color: var(--accent); border-style: solid; }
 :is(.row button, .row input, .previews button, .scroll, summary, a, .reset):focus-visible {
   outline: 2px solid var(--accent); outline-offset: 2px; }
-.on-paper { display: none; }
+.on-paper, .live.single :is(.previous, .next, .previews) { display: none; }
 @media (max-width: 480px) { main { padding: 1.4rem 0.9rem 1rem; } .tile b { font-size: 1.25rem; }
   .tiles { grid-template-columns: repeat(auto-fit, minmax(135px, 1fr)); } h1 .badge { margin-left: 0.4rem; } }
 @media print { body { background: none; }
   .skip, nav, .stage, .row, .previews li:not(:first-child) { display: none; }
-  .live .previews { display: block; } .previews img { width: 480px; height: auto; max-width: 100%; }
+  .live .previews, .live.single .previews { display: block; }
+  .previews img { width: 480px; height: auto; max-width: 100%; }
   .previews button { border: 0; } .on-paper { display: block; }
   .tile, .badge, .cells, rect, path { print-color-adjust: exact; }
   h2, h3 { break-after: avoid; } .strip, .chart, .timings { break-inside: avoid; } }

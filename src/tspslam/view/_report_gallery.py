@@ -70,16 +70,24 @@ def gallery_section(shots: Iterable[Shot], stored: int) -> str:
         "frames": [_described(shot, span) for shot in taken],
         "table": base64.b64encode(table("viridis").tobytes()).decode(),
     }
-    few = "" if len(taken) == stored else f" {len(taken)} of {stored} stored frames are here, evenly chosen."
     ratio = float(np.median([shot.size[0] / shot.size[1] for shot in taken]))
     script = files(__package__).joinpath("_web/gallery.js").read_text(encoding="utf-8")
     return (
+        f"{_head(len(taken), stored)}{_stage(span)}"
+        f'<ul class="previews" style="--ratio:{ratio:.4g}">{"".join(map(_preview, taken))}</ul>'
+        f'<script type="application/json" class="frames">{data_of(data)}</script><script>{script}</script></section>'
+    )
+
+
+def _head(count: int, stored: int) -> str:
+    """The beginning of the section: what is in it, of how many."""
+    if count == 1 == stored:
+        return '<section class="gallery single" aria-labelledby="gallery"><h2 id="gallery">The left image</h2>'
+    few = "" if count == stored else f" {count} of {stored} stored frames are here, evenly chosen."
+    return (
         '<section class="gallery" aria-labelledby="gallery"><h2 id="gallery">Frames to page through</h2>'
         f'<p class="quiet">Keyframes, and frames where tracking was lost.{few}</p>'
-        f'{_stage(span)}<ul class="previews" style="--ratio:{ratio:.4g}">'
-        f"{''.join(_preview(shot) for shot in taken)}</ul>"
-        f'<p class="quiet on-paper">Printed: the first of {len(taken)} frames; the page has all of them.</p>'
-        f'<script type="application/json" class="frames">{data_of(data)}</script><script>{script}</script></section>'
+        f'<p class="quiet on-paper">Printed: the first of {count} frames; the page has all of them.</p>'
     )
 
 

@@ -116,7 +116,7 @@ class WholeRun(Brief):
         What `tspslam.evaluate_trajectory` gave, where the true path is known; `evaluation` of the run has the figures.
     findings : sequence of Finding
         What there is to say of the calibration.
-    settings : dict of dict
+    settings : dict of dict, optional
         Settings that are not the default: ``value``, ``default``, ``unit`` and ``meaning`` by name.
     shots : iterable of Shot
         Frames for the gallery, taken one at a time.
@@ -132,7 +132,7 @@ class WholeRun(Brief):
     poses: Mapping[int, FloatArray] = field(default_factory=dict)
     errors: PathErrors | None = None
     findings: Sequence[Finding] = ()
-    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, Any]] | None = None
     shots: Iterable[Shot] = ()
     stored: int = 0
     timings: str | Mapping[str, Any] | None = None

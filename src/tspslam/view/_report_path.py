@@ -8,29 +8,32 @@ from typing import Any
 import numpy as np
 
 from ..types import FloatArray
-from ._html import tiles
+from ._html import shown_value, tiles
 from ._report_chart import chart
 from ._report_parts import PathErrors
 
 FIGURES = {
-    "ate_rmse_m": ("error of position (ATE), m", 3),
-    "ate_sim3_rmse_m": ("ATE with the scale fitted too, m", 3),
-    "rpe_translation_m_frame": ("error a frame (RPE), m", 3),
-    "rpe_rotation_deg_frame": ("error a frame (RPE), degrees", 3),
-    "rpe_translation_percent_10m": ("error over 10 m, %", 3),
-    "rpe_rotation_deg_10m": ("error over 10 m, degrees", 3),
+    "ate_rmse_m": "error of position (ATE), m",
+    "ate_sim3_rmse_m": "ATE with the scale fitted too, m",
+    "rpe_translation_m_frame": "error a frame (RPE), m",
+    "rpe_rotation_deg_frame": "error a frame (RPE), degrees",
+    "rpe_translation_percent_10m": "error over 10 m, %",
+    "rpe_rotation_deg_10m": "error over 10 m, degrees",
 }
+
+
+_WILD = 1e12  # of a figure that may be a stranger's
 
 
 def path_section(evaluation: Mapping[str, Any] | None, errors: PathErrors | None) -> str:
     """Make the section of the true path, where it is known; else nothing."""
     if not isinstance(evaluation, Mapping) or not evaluation:
         return ""
-    known = {name: evaluation.get(name) for name in FIGURES}
-    numbers = [(FIGURES[name][0], _rounded(value, FIGURES[name][1])) for name, value in known.items()]
+    numbers = [(words, _rounded(evaluation.get(name))) for name, words in FIGURES.items()]
+    matched, total = (shown_value(evaluation.get(name)) for name in ("matched", "total"))
     return (
         '<section aria-labelledby="truth"><h2 id="truth">Path against the truth</h2>'
-        f'<p class="quiet">{evaluation.get("matched")} of {evaluation.get("total")} poses have a true one. ATE and RPE '
+        f'<p class="quiet">{matched} of {total} poses have a true one. ATE and RPE '
         "are root mean squares; the ATE is what is left after the best rigid motion of the whole path.</p>"
         f"{tiles([(name, value) for name, value in numbers if value is not None])}"
         f"{'' if errors is None else _charts(errors)}</section>"
@@ -61,5 +64,6 @@ def _charts(errors: PathErrors) -> str:
     )
 
 
-def _rounded(value: Any, digits: int) -> float | None:
-    return float(f"{value:.{digits}g}") if isinstance(value, int | float) else None
+def _rounded(value: Any) -> float | None:
+    is_number = isinstance(value, int | float) and abs(value) < _WILD
+    return float(f"{value:.3g}") if is_number else None

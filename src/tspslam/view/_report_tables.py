@@ -32,9 +32,9 @@ def numbers_section(run: Mapping[str, Any], *, folded: bool, told: frozenset[str
     return f'<section aria-labelledby="{name}"><h2 id="{name}">{title}</h2>{cards_}</section>'
 
 
-def settings_section(settings: Mapping[str, Mapping[str, Any]], *, is_run: bool) -> str:
-    """Make the section of the settings that are not the default, or say that all are."""
-    if not is_run:
+def settings_section(settings: Mapping[str, Mapping[str, Any]] | None) -> str:
+    """Make the section of the settings that are not the default, or say that all are; nothing of unknown ones."""
+    if settings is None:
         return ""
     head = '<section aria-labelledby="settings"><h2 id="settings">Settings</h2>'
     if not settings:

@@ -158,7 +158,7 @@ def _sections(
         timings_section(whole.timings),
         gallery_section(whole.shots, whole.stored),
         _pictures(frame, run, pictures, has_map=map_ is not None),
-        settings_section(whole.settings, is_run=is_whole),
+        settings_section(whole.settings),
         numbers_section(run, folded=False, told=told),
         numbers_section(run, folded=True, told=told),
     ]
