@@ -1,5 +1,6 @@
 """A run folder is followed from outside, and a viewer beside a run changes nothing of it."""
 
+import dataclasses
 import hashlib
 import http.client
 import importlib.util
@@ -7,6 +8,7 @@ import io
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,7 +19,7 @@ import pytest
 
 from tspslam import InputError, load_run
 from tspslam.cli import BAD_INPUT, exit_code
-from tspslam.io import RunFolder
+from tspslam.io import RunFolder, write_frame
 from tspslam.run import viewing as viewing_module
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
@@ -143,7 +145,7 @@ def spoil(path):
     path.write_bytes(data)
 
 
-def test_a_corrupt_frame_is_named_and_the_rest_is_shown(folder, capsys):
+def test_a_corrupt_frame_is_named_and_the_rest_is_shown(folder):
     number = load_run(folder).stored[1]
     spoil(folder / "frames" / f"{number:06d}.npz")
     watch, world = look(folder)
@@ -151,6 +153,19 @@ def test_a_corrupt_frame_is_named_and_the_rest_is_shown(folder, capsys):
     assert len(world.stations) == len(load_run(folder))
     with pytest.raises(InputError, match=rf"{number:06d}\.npz: was changed since the run"):
         watch.frame(number)
+
+
+def test_a_frame_that_is_made_anew_is_read_anew(folder):
+    watch, _ = look(folder)
+    number = load_run(folder).stored[1]
+    first = watch.frame(number)
+    with RunFolder.create(folder, RunFolder.open(folder).config) as opened:
+        moved = dataclasses.replace(first, T_world_camera=np.eye(4))
+        write_frame(opened.frame_path(number), moved)
+        opened.record(opened.frame_path(number), input_hash="another")
+    while watch.look() is not None:
+        pass
+    np.testing.assert_array_equal(watch.frame(number).T_world_camera, np.eye(4))
 
 
 def test_a_corrupt_map_is_named_and_the_frames_are_shown(folder):
@@ -312,6 +327,21 @@ def test_an_interrupt_ends_the_viewer_cleanly(finished, ending):
 
 @needs_viser
 @needs_signals
+def test_the_next_free_port_serves_where_one_is_busy(finished):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen(1)
+        busy = taken.getsockname()[1]
+        with served(finished, "--port", busy) as (process, lines):
+            process.terminate()
+            process.communicate(timeout=LONG)
+    port = int(lines[-1].rsplit(":", 1)[1])
+    assert lines[0] == f"port {busy} is in use: {port} serves\n"
+    assert port > busy
+
+
+@needs_viser
+@needs_signals
 def test_other_machines_need_the_token(finished):
     with served(finished, "--port", 0, "--host", "0.0.0.0") as (process, lines):
         assert lines[0].startswith("warning: other machines can reach 0.0.0.0")
@@ -364,3 +394,35 @@ def test_a_viewer_ends_with_the_process_of_its_run(tmp_path):
         process.stdin.close()
         assert process.wait(LONG) == 9
         assert process.stderr.read() == ""  # its other end is closed: the viewer has ended too
+
+
+@needs_viser
+@needs_signals
+@pytest.mark.parametrize("has_terminal", [True, False])
+def test_only_on_a_terminal_a_finished_run_stays_until_an_interrupt(has_terminal, tmp_path):
+    """A person who is there can press ctrl-C; a script would wait for ever."""
+    code = "import sys\nfrom tspslam.run.viewing import viewing\nwith viewing(sys.argv[1], port=0) as on_frame:\n"
+    code += "    sys.stdin.read(1)\n    print('over', flush=True)\n    on_frame.stay()\nprint('end', flush=True)\n"
+    command = [sys.executable, "-c", code, str(tmp_path / "run")]
+    ours, theirs = os.openpty() if has_terminal else (None, subprocess.PIPE)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=pipe, stderr=theirs if has_terminal else pipe, text=True, start_new_session=True
+    ) as process:
+        if not has_terminal:
+            process.stderr.readline()
+            process.stdin.write("x")
+            process.stdin.flush()
+            assert process.stdout.read() == "over\nend\n"
+            return
+        os.close(theirs)
+        while b"viewer: " not in os.read(ours, 1000):
+            pass
+        os.write(ours, b"x\n")
+        assert process.stdout.readline() == "over\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(1)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.stdout.read() == "end\n"
+        assert process.wait(LONG) == 0
+        os.close(ours)

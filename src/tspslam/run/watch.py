@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import sys
@@ -126,12 +125,15 @@ class RunWatch:
         try:
             folder = RunFolder.open(self._path)
         except InputError as error:
-            if self._path.is_dir() and os.listdir(self._path):
+            if _names(self._path):
                 missing.append(str(error))
-            with contextlib.suppress(OSError):
-                found = (_FRAME.fullmatch(name) for name in os.listdir(self._path / "frames"))
-                return {}, sorted(int(match[1]) for match in found if match)
-            return {}, []
+            found = (_FRAME.fullmatch(name) for name in _names(self._path / "frames"))
+            return {}, sorted(int(match[1]) for match in found if match)
+        for number in folder.stored_frames:
+            name = f"frames/{number:06d}.npz"
+            if name in self._units and self._units[name] != folder.units[name]:  # it was made anew
+                for known in (self._frames, self._tracked, self._bad):
+                    known.pop(number, None)
         return folder.units, list(folder.stored_frames)
 
     def _record(self, missing: list[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -203,12 +205,16 @@ def _said(path: Path, record: dict[str, Any], is_live: bool, stations: tuple[Sta
     if is_live:
         return f"live: {keyframes} keyframes so far"
     if not stations:
-        return "no run here yet; it is shown as soon as one begins" if _is_empty(path) else "nothing to show yet"
+        return "nothing to show yet" if _names(path) else "no run here yet; it is shown as soon as one begins"
     return f"not finished: {keyframes} keyframes; the same command goes on with it"
 
 
-def _is_empty(path: Path) -> bool:
-    return not path.is_dir() or not os.listdir(path)
+def _names(path: Path) -> list[str]:
+    """What is in a folder; nothing in one that is not there, or cannot be listed."""
+    try:
+        return os.listdir(path)
+    except OSError:
+        return []
 
 
 def _loops(record: dict[str, Any]) -> tuple[tuple[int, int], ...]:

@@ -145,6 +145,8 @@ class Viewer:
         is_new = len(world.stations) != len(before.stations) or (world.map_ is None) != (before.map_ is None)
         if before.map_ is not None and world.map_ is None:
             self._drawn = None  # the run was begun anew
+            self._clouds.clear()
+            self._faults.clear()
         for number in world.stored:
             if world.map_ is None and number not in self._clouds:
                 self._add_cloud(number)
