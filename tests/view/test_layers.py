@@ -108,3 +108,16 @@ def test_layers_of_odd_frames_are_finite(odd_frame):
         assert np.isfinite(layer.values[layer.ok]).all()
         assert np.isfinite(layer.span).all()
         assert len(colours_of(layer)) == count(odd_frame, layer.level)
+
+
+def test_a_denoised_map_has_its_luminance_as_measured_on_the_same_scale():
+    before = wall()
+    noisy = replace(
+        before.signals, face=before.signals.face + np.where(np.arange(len(before.signals.face)) % 2, 0.3, 0)
+    )
+    found = by_name(layers_of_map(before, before=replace(before, signals=noisy)))
+    measured, denoised = found["face_signal_before"], found["face_signal"]
+    assert measured.span == denoised.span
+    np.testing.assert_array_equal(measured.values, noisy.face)
+    assert {"edge_signal_before", "vertex_signal_before"} <= found.keys()
+    assert "magnitude_before" not in found

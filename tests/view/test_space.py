@@ -59,7 +59,7 @@ def unpacked(shown, most=thinning.MOST_FACES):
 
 
 def of_map(map_, stations=(), others=(), regions=None):
-    return space_of_map(map_, regions, stations, others)
+    return space_of_map(map_, layers_of_map(map_, regions), stations, others)
 
 
 MAPS = [name for name in ODD_MAPS if name != "no face"]

@@ -331,4 +331,6 @@ def draw_use(
         else:
             write_denoised_picture(before, shown, picture)
         if report:
-            write_use_page(shown, title, numbers, [picture], report, labels=labels)
+            write_use_page(
+                shown, title, numbers, [picture], report, labels=labels, before=None if after is None else before
+            )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
@@ -64,7 +64,9 @@ class Layer(Brief):
     is_log: bool = False
 
 
-def layers_of_map(map_: TopologicalMap, regions: FloatArray | None = None) -> list[Layer]:
+def layers_of_map(
+    map_: TopologicalMap, regions: FloatArray | None = None, before: TopologicalMap | None = None
+) -> list[Layer]:
     """List what a whole map can be coloured by, the face's luminance first; layers without a value are left out.
 
     Parameters
@@ -73,9 +75,21 @@ def layers_of_map(map_: TopologicalMap, regions: FloatArray | None = None) -> li
         The map.
     regions : (F, 3) float64, optional
         Colours of the faces by region, in [0, 1]: they come first.
+    before : TopologicalMap, optional
+        What a denoised map was, of the same complex: its luminance is there too.
     """
     made = [] if regions is None else [_plain("regions", "Regions", "face", regions, "Regions of like texture.")]
-    return [layer for layer in (*made, *_of_signals(map_), *_of_views(map_)) if layer.ok.any()]
+    now = list(_of_signals(map_))
+    noisy = [] if before is None else list(_of_before(before, now))
+    return [layer for layer in (*made, *now, *noisy, *_of_views(map_)) if layer.ok.any()]
+
+
+def _of_before(map_: TopologicalMap, now: list[Layer]) -> Iterator[Layer]:
+    """Luminance before denoising, on the scales of that after it."""
+    for layer, denoised in zip(_of_signals(map_), now, strict=True):
+        if layer.name.endswith("_signal"):
+            label = f"{layer.label} as measured"
+            yield replace(layer, name=f"{layer.name}_before", label=label, span=denoised.span)
 
 
 def layers_of_frame(frame: Frame) -> list[Layer]:

@@ -17,7 +17,7 @@ from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..types import BoolArray, FloatArray, Rig
 from ._frame import CLIP_MARGIN, in_view
-from ._layers import BARE, Layer, layers_of_frame, layers_of_map, steps_of, table, ticks_of
+from ._layers import BARE, Layer, layers_of_frame, steps_of, table, ticks_of
 from ._report_parts import State
 from ._thinning import MOST_FACES, Kept, kept
 from ._viewpoints import KEPT_PERCENT, downward, is_overhead
@@ -124,7 +124,7 @@ class Packed(Brief):
 
 
 def space_of_map(
-    map_: TopologicalMap, regions: FloatArray | None, stations: Sequence[Station], others: Others
+    map_: TopologicalMap, layers: list[Layer], stations: Sequence[Station], others: Others
 ) -> Space | None:
     """Collect what is shown of a map; None if it has no face to show."""
     keep = in_reach(map_.xyz)
@@ -145,7 +145,7 @@ def space_of_map(
         ceiling = np.zeros_like(ceiling)
     down = downward(map_)
     return Space(
-        "map", map_.xyz, faces, map_.complex_.edges, layers_of_map(map_, regions), keep, ceiling, down,
+        "map", map_.xyz, faces, map_.complex_.edges, layers, keep, ceiling, down,
         _level(map_.T_world_camera[0], down), MAP_EYE, map_.rig, stations, others,
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..types import FloatArray
 from ._html import text
+from ._layers import layers_of_map
 from ._space import Others, Packed, Station, pack, space_of_frame, space_of_map
 
 SCRIPTS = ("tools", "model", "graphics", "camera", "drawing", "picking", "legend", "scene")  # in this order
@@ -28,8 +29,9 @@ def frame_to_turn(frame: Frame) -> str:
 
 
 def map_to_turn(
-    map_: TopologicalMap, regions: FloatArray | None = None, *, stations: Sequence[Station] = (), others: Others = ()
-) -> str:
+    map_: TopologicalMap, regions: FloatArray | None = None, *, before: TopologicalMap | None = None,
+    stations: Sequence[Station] = (), others: Others = (),
+) -> str:  # fmt: skip
     """Make the interactive scene of a map, its faces first in colours if any are given; or say why there is none.
 
     Parameters
@@ -38,12 +40,14 @@ def map_to_turn(
         The map.
     regions : (F, 3) float64, optional
         Colours of the faces, in [0, 1].
+    before : TopologicalMap, optional
+        What a denoised map was.
     stations : sequence of Station
         The frames of the path, in order; else the map's keyframes.
     others : sequence of (words, (T, 3) float64)
         Other paths, such as the true one, m.
     """
-    space = space_of_map(map_, regions, stations, others)
+    space = space_of_map(map_, layers_of_map(map_, regions, before), stations, others)
     if space is None:
         return '<p class="quiet">This map has no face to show.</p>'
     return _scene(pack(space), HOW)

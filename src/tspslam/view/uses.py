@@ -126,7 +126,7 @@ def write_denoised_picture(before: TopologicalMap, after: TopologicalMap, path: 
 
 def write_use_page(
     map_: TopologicalMap, title: str, numbers: Sequence[tuple[str, Any]], pictures: Sequence[Path], path: str | Path,
-    *, labels: NDArray[np.integer[Any]] | None = None,
+    *, labels: NDArray[np.integer[Any]] | None = None, before: TopologicalMap | None = None,
 ) -> Path:  # fmt: skip
     """Write a page of what was made of a map, which loads nothing from anywhere: numbers, the map to turn, pictures.
 
@@ -144,6 +144,8 @@ def write_use_page(
         The HTML file.
     labels : (F,) integers, optional
         Regions, from 0: the map can be seen in their colours.
+    before : TopologicalMap, optional
+        What a denoised map was, of the same complex: its luminance can be seen too.
 
     Returns
     -------
@@ -164,7 +166,7 @@ def write_use_page(
     sections = [
         f"<header><h1>{text(title)}</h1></header>",
         tiles(numbers),
-        f'<section class="scene"><h2>The map in space</h2>{map_to_turn(map_, colours)}</section>',
+        f'<section class="scene"><h2>The map in space</h2>{map_to_turn(map_, colours, before=before)}</section>',
         f'<section class="pictures">{figures(pictures, {})}</section>' if pictures else "",
     ]
     make_folder(Path(path).parent)
