@@ -86,7 +86,7 @@ def test_regions_stand_in_the_file_and_on_the_pictures(folder, tmp_path, capsys)
     assert json.loads(out)["regions"] == len(np.unique(region))
     assert png.read_bytes()[:4] == b"\x89PNG"
     page = html.read_text("utf-8")
-    assert ">Regions</button>" in page
+    assert "<span>Regions</span>" in page
     assert "://" not in page.partition("<script")[0]
 
 

@@ -71,7 +71,7 @@ function valueWords(model, layer, row) { // to what a step of its scale tells, w
   }
   if (scale === "rgb") return `red, green and blue ${at(steps, row).join(", ")} of 255`;
   const [low, high] = layer.span, value = low + steps[row] / 255 * (high - low), isCount = given === "keyframes";
-  const digits = isCount ? 0 : clamp(Math.ceil(-Math.log10((high - low) / 255)), 0, 9);
+  const digits = isCount ? 0 : clamp(Math.round(-Math.log10((high - low) / 255)), 0, 9);
   const words = minus(layer.log ? Number((10 ** value).toPrecision(2)) : value.toFixed(digits));
   const beyond = isCount || scale === "phase" ? "" : { 0: " or less", 255: " or more" }[steps[row]] ?? "";
   const inside = given.match(/\[(.+)\]/); // "arg r [rad]"
