@@ -129,7 +129,7 @@ def pixels(page):
 
 def test_the_gallery_is_paged_by_buttons_keys_and_previews(handed_on, open_page):
     page, heard = open_page(handed_on)
-    said, large = page.locator(".said"), page.locator(".large")
+    said, large = page.locator(".gallery .said"), page.locator(".large")
     count = page.locator(".previews button").count()
     assert said.inner_text().startswith(f"1 of {count}: frame 0,")
     first = large.get_attribute("src")

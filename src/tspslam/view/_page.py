@@ -105,9 +105,9 @@ svg .open { fill: none; stroke: var(--quiet); stroke-width: 1.5; vector-effect: 
   background: var(--card); color: var(--ink); }
 .row button:hover { border-color: var(--accent); }
 .row button[aria-disabled="true"] { color: var(--quiet); cursor: default; }
-.legend { display: inline-flex; align-items: center; gap: 0.4rem; color: var(--quiet); }
-.legend .bar { display: inline-block; width: 90px; height: 0.7em; border-radius: 2px; }
-.said { margin: 0.6rem 0 0; font-variant-numeric: tabular-nums; }
+.gallery .legend { display: inline-flex; align-items: center; gap: 0.4rem; color: var(--quiet); }
+.gallery .legend .bar { display: inline-block; width: 90px; height: 0.7em; border-radius: 2px; }
+.gallery .said { margin: 0.6rem 0 0; font-variant-numeric: tabular-nums; }
 .previews { list-style: none; margin: 0; padding: 0; }
 .previews button { display: block; padding: 0; border: 3px solid transparent; background: none; cursor: pointer; }
 .previews img { display: block; width: calc(64px * var(--ratio)); height: 64px; }
