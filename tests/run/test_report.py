@@ -150,8 +150,9 @@ def test_the_path_is_measured_as_eval_measures_it(made, drive, tmp_path):
         np.eye(3),
         "north",
         [[1], [1, 2]],
+        3.0,
     ],
-    ids=["unknown", "no rotation", "too few", "no poses", "a word", "ragged"],
+    ids=["unknown", "no rotation", "too few", "no poses", "a word", "ragged", "a number"],
 )
 def test_a_truth_that_does_not_fit_is_a_line(tmp_path, truth):
     drive = Drive()

@@ -115,7 +115,7 @@ def measured(
         return None, []
     try:
         reference = _true_path(source)
-        if reference is not None and len(reference) > max(wanted):
+        if reference is not None and reference.stamp.size == len(reference.T_world_camera) > max(wanted):
             at = list(wanted)
             reference = Trajectory(reference.stamp[at], reference.T_world_camera[at])
         errors = None if reference is None else evaluate_trajectory(path, reference)
@@ -130,6 +130,8 @@ def _true_path(source: object) -> Trajectory | None:
     if truth is None:
         return None
     truth = real_array(truth, "truth", "(n, 4, 4)")
+    if truth.shape != (len(truth) if truth.ndim else 0, 4, 4):
+        raise InputError(f"truth has shape {truth.shape}, expected (n, 4, 4)")
     stamps = getattr(source, "stamps", None)
     if stamps is None:
         stamps = np.arange(len(truth), dtype=np.float64)
