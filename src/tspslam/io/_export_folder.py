@@ -37,7 +37,7 @@ def check_free(path: Path, kind: str, *, is_forced: bool = False) -> None:
     if strange:
         raise bad_input(path, f"holds {strange[0]}, which no export wrote", expected)
     if not is_forced:
-        raise bad_input(path, "is there", f"a free name, or --force to write the {kind} anew")
+        raise bad_input(path, "is there", "a free name, or --force to write it anew")
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from ..io.runs import StoredRun, load_run
 from ..io.tensors import write_tensors
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Response, one_channel
-from ..view._layers import BARE, Layer, colours_of, layers_of_frame, layers_of_map
+
+if TYPE_CHECKING:
+    from ..view._layers import Layer
 
 _PATH = np.array([230, 115, 0], np.uint8)  # sRGB: no colour of a layer's scale
 _DISTINCT = 1e-9  # m: two poses this near make no line
@@ -55,6 +57,8 @@ class Exported(Brief):
 
     def chosen_layer(self) -> Layer | None:
         """Look the layer up; the first where none was named, None where there is none."""
+        from ..view._layers import layers_of_frame, layers_of_map
+
         shown = self.shown
         found = layers_of_frame(shown) if isinstance(shown, Frame) else layers_of_map(shown)
         if self.layer is None:
@@ -113,21 +117,21 @@ def write_series(given: Exported, target: Path) -> None:
 
 def _drawn(given: Exported, layer: Layer | None) -> list[Drawn]:
     """Faces in one colour each, or in those of their corners; edges of a layer of edges; vertices without a face."""
+    from ..view._layers import BARE, colours_of
+
     shown, xyz = given.shown, given.xyz
     faces, edges = shown.surface.faces, shown.complex_.edges
-    rgb = None if layer is None else colours_of(layer)
-    if layer is not None and rgb is not None and layer.level == "edge":
+    level = "face" if layer is None else layer.level
+    rgb = np.tile(BARE, (len(faces), 1)) if layer is None else colours_of(layer)
+    if level == "edge":
         return [Drawn("edges", "lines", xyz[edges].reshape(-1, 3), np.repeat(rgb, 2, axis=0))]
-    if layer is not None and rgb is not None and layer.level == "vertex":
-        surface = Drawn("faces", "triangles", xyz, rgb, faces)
-    else:
-        rgb = np.tile(BARE, (len(faces), 1)) if rgb is None else rgb
-        surface = Drawn("faces", "triangles", xyz[faces].reshape(-1, 3), np.repeat(rgb, 3, axis=0))
-    if layer is not None and layer.level == "face":
-        return [surface]
+    if level == "face":
+        return [Drawn("faces", "triangles", xyz[faces].reshape(-1, 3), np.repeat(rgb, 3, axis=0))]
     loose = np.setdiff1d(np.arange(len(xyz)), faces)
-    points = rgb[loose] if layer is not None else np.tile(BARE, (len(loose), 1))
-    return [surface, Drawn("vertices without a face", "points", xyz[loose], points)]
+    return [
+        Drawn("faces", "triangles", xyz, rgb, faces),
+        Drawn("vertices without a face", "points", xyz[loose], rgb[loose]),
+    ]
 
 
 def _drawn_path(given: Exported) -> list[Drawn]:
@@ -152,6 +156,8 @@ def _legend(layer: Layer | None) -> dict[str, Any]:
 
 def _colours_of_points(given: Exported) -> Any:
     """Colours of the layer that was named, else of a signal that has colours, (N, 3) uint8; None where neither is."""
+    from ..view._layers import colours_of
+
     if given.layer is None:
         vertex = given.shown.signals.vertex
         is_colour = vertex.ndim == 2 and vertex.shape[1] == 3

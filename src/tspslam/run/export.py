@@ -90,7 +90,8 @@ def export(
     to : str
         One of `FORMATS`.
     output : path, optional
-        The file or the folder; by default here: RUN-map or RUN-FRAME with the format's suffix, RUN-FORMAT of a folder.
+        The file or the folder; by default here: RUN-map or RUN-FRAME with the format's suffix, RUN with that of a
+        whole run, RUN-FORMAT of a folder.
     frame : int, optional
         Index of a keyframe; by default the map, of a run of one frame that frame.
     layer : str, optional
@@ -135,7 +136,7 @@ def _default_name(chosen: Format, run: str, part: str) -> str:
     if chosen.kind is None:
         return f"{run}-{chosen.name}"
     word = "" if chosen.suffix[1:] == chosen.name else f"-{chosen.name}"
-    return f"{run}-{part}{word}{chosen.suffix}"
+    return f"{run}-{part}{word}{chosen.suffix}" if chosen.has_frames else f"{run}{chosen.suffix}"
 
 
 def export_map_anew(
