@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._brief import Brief
+from ..._brief import Brief, brief
 from ...frame import Frame
 from ...topological_map import TopologicalMap
 from ...types import FloatArray
@@ -24,6 +24,9 @@ class Sighting(NamedTuple):
     number: int
     uv: FloatArray
     weight: float
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 @dataclass(frozen=True, repr=False)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._brief import brief
 from ...errors import InputError
 from ...frame import Frame
 from ...types import FloatArray, Rig
@@ -37,6 +38,9 @@ class Shot(NamedTuple):
     state: State
     jpeg: bytes
     rig: Rig
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 class Viewer:

@@ -3,21 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 from ..._brief import Brief
 from ...topological_map import TopologicalMap
-from ...types import FloatArray
-
-State = Literal["keyframe", "tracked", "lost"]
-
-
-class Station(NamedTuple):
-    """Where one frame was taken: its number, its (4, 4) pose ``T_world_camera``, m, and what became of it."""
-
-    number: int
-    T_world_camera: FloatArray
-    state: State
+from .._report_parts import State as State
+from .._space import Station as Station
 
 
 @dataclass(frozen=True, repr=False)
