@@ -57,7 +57,6 @@ def settled(page, good):
         if good(now) and np.abs(now - before).max() == 0:
             return now
         before = now
-    page.screenshot(path="/tmp/viewer/fail.png")
     raise AssertionError("the scene does not come to be as expected")
 
 

@@ -124,6 +124,12 @@ def test_frames_are_seen_while_a_run_goes_on(sequence, tmp_path):
     assert (world.is_live, world.map_ is not None) == (False, True)
 
 
+def test_a_folder_in_which_a_run_begins_is_no_strangers(tmp_path):
+    (tmp_path / ".lock").write_text("1\n")
+    (_, world) = look(tmp_path)
+    assert not world.missing
+
+
 def test_a_run_that_holds_its_folder_is_live(folder):
     with RunFolder.create(folder, RunFolder.open(folder).config):
         _, world = look(folder)

@@ -34,7 +34,7 @@ _LARGEST = 1 << 24  # bytes of either: more is no message of ours
 _SECONDS = 0.1  # between two frames that are handed on
 _WAITING = 4  # frames that may wait to be sent; of more the oldest go
 _GRACE = 3.0  # s that a viewer has to end
-_NICE = 5  # steps that the viewer stands behind the run where both want a processor
+_NICE = 10  # steps that the viewer stands behind the run where both want a processor
 _WIDTH = 480  # px of an image that is handed on
 
 OnFrame = Callable[[Frame], object]
@@ -272,7 +272,8 @@ def _packed(frame: Frame) -> bytes:
     rig = {name: getattr(frame.rig, name) for name in Rig.__dataclass_fields__}
     state = "lost" if frame.is_lost else "keyframe" if frame.is_keyframe else "tracked"
     told = {"number": frame.index, "T_world_camera": frame.T_world_camera.ravel().tolist(), "state": state, "rig": rig}
-    words, jpeg = json.dumps(told).encode(), jpeg_of(shrunk(frame.image, _WIDTH))
+    step = max(1, frame.image.shape[1] // _WIDTH)
+    words, jpeg = json.dumps(told).encode(), jpeg_of(shrunk(frame.image[::step, ::step], _WIDTH))
     return _HEAD.pack(len(words), len(jpeg)) + words + jpeg
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from .._atomic import is_temporary
 from .._checks import require_path
 from .._files import PathLike, bad_input, reason_of
 from ..errors import InputError
@@ -210,9 +211,9 @@ def _said(path: Path, record: dict[str, Any], is_live: bool, stations: tuple[Sta
 
 
 def _names(path: Path) -> list[str]:
-    """What is in a folder; nothing in one that is not there, or cannot be listed."""
+    """What is in a folder but what a run begins with; nothing in one that is not there, or cannot be listed."""
     try:
-        return os.listdir(path)
+        return [name for name in os.listdir(path) if name != LOCK_NAME and not is_temporary(name)]
     except OSError:
         return []
 

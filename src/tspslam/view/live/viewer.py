@@ -173,7 +173,7 @@ class Viewer:
             The frame.
         """
         self._rig = shot.rig
-        if self._panel.follow.value and self._world.is_live:
+        if self._panel.follow.value and self._world.is_live and self._server.get_clients():
             pixels = pixels_of(shot.jpeg)
             self._stage.draw_now(shot.T_world_camera, shot.rig, None)
             self._panel.show_now(shot.number, shot.state, shot.number, pixels)
