@@ -52,12 +52,15 @@ def check_folder(out: Path, *inputs: Path | None) -> None:
     guard.check_folder(out, [path for path in inputs if path])
 
 
-def announce_compilation() -> None:
-    """Say that kernels are being compiled, if they are."""
+def announce_compilation(*, is_sequence: bool = False) -> None:
+    """Say that kernels are being compiled, if they are: those of a pair, of a sequence those of its path and map too."""
     from .._jit import is_cached
+    from ..mapping._carving import carve
     from ..topology._harmonics import filter_one_ring
+    from ..vision.slam._patch_tracking import track_level
 
-    if not is_cached(filter_one_ring):
+    wanted = [filter_one_ring, track_level, carve] if is_sequence else [filter_one_ring]
+    if not all(is_cached(each) for each in wanted):
         note("compiling kernels (once on this machine, up to a minute) ...")
 
 
@@ -88,6 +91,9 @@ def tabulate_run(run: dict[str, Any], times: dict[str, Any]) -> list[str]:
             "keyframes": f"{run['keyframes']}, loops closed: {run['loops']}",
             "landmarks": str(run["landmarks"]),
         } | rows
+    if "evaluation" in run:
+        measured = run["evaluation"]
+        rows["error"] = f"{measured['ate_rmse_m']:.3g} m (ATE, {measured['matched']} of {measured['total']} poses)"
     if times:
         rows["time"] = _say_times(times, run["frames"])
     count = f"{run['frames']} frame{'s' if run['frames'] > 1 else ''} of " if times else ""
@@ -112,6 +118,8 @@ def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:
         f"map:      {folder / 'map.vtu'}",
         "",
         f"look:     tspslam view {name}",
-        *([f"measure:  tspslam eval {name} --truth POSES"] if run["frames"] > 2 else []),  # it takes three poses
+        *(
+            [f"measure:  tspslam eval {name} --truth POSES"] if run["frames"] > 2 and "evaluation" not in run else []
+        ),  # it takes three
         f"hand on:  tspslam export {name} --to ply",
     ]

@@ -79,7 +79,7 @@ def run_command(
     set_threads(threads)
     with viewing(target if view else None) as viewer:
         with progress(as_json) as on_step:
-            announce_compilation()
+            announce_compilation(is_sequence=len(wanted) > 1)
             chosen_frames = wanted if frames else None
             result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
         try:

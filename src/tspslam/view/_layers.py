@@ -9,6 +9,7 @@ from typing import Literal
 
 import matplotlib
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .._brief import Brief
@@ -19,7 +20,7 @@ from ._frame import Shown, depth, is_colour, limits, log_magnitude, log_steps, p
 
 Level = Literal["vertex", "edge", "face"]
 Scale = Literal["gray", "viridis", "cividis", "inferno", "phase", "rgb"]
-BARE = np.array([150, 158, 168], np.uint8)  # of an element without a value: no colour of a scale, legible on any page
+BARE = np.array([146, 172, 200], np.uint8)  # of an element without a value: no colour of a scale, least of all a grey
 COUNTED = "keyframes"  # a unit of whole numbers
 _STEPS = 256
 
@@ -151,9 +152,8 @@ def ticks_of(layer: Layer) -> list[tuple[float, str]]:
         steps = log_steps(10**low, 10**high)
         chosen = steps if len(steps) > 1 else [10**low, 10**high]
         return [(float((np.log10(z) - low) / (high - low)), f"{z:.3g}") for z in chosen]
-    values = [low + share * (high - low) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
-    if layer.unit == COUNTED:
-        values = sorted({float(round(value)) for value in values})
+    steps = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10], integer=layer.unit == COUNTED).tick_values(low, high)
+    values = [float(value) for value in steps if low - 1e-9 <= value <= high + 1e-9]
     return [((value - low) / (high - low), f"{value:.3g}") for value in values]
 
 

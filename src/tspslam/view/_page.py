@@ -46,7 +46,7 @@ summary small { color: var(--quiet); font-weight: 400; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.32rem 0.9rem 0.32rem 0; border-top: 1px solid var(--rule); text-align: left; vertical-align: top; }
-tbody th { font-weight: 400; color: var(--quiet); }
+tbody th { font-weight: 400; color: var(--quiet); overflow-wrap: normal; }
 tbody th + td { text-align: right; padding-right: 0; overflow-wrap: anywhere; }
 thead th { border-top: 0; color: var(--quiet); font-weight: 600; white-space: nowrap; }
 :not(thead) + tbody tr:first-child > *, table > tbody:first-child tr:first-child > * { border-top: 0; }

@@ -8,6 +8,7 @@ from ..types import FloatArray
 from ._html import text
 
 WIDTH, HEIGHT = 1000, 200  # of the curve's own units: it is stretched to the page
+HIGHEST = 0.86  # of the height: above it stands the largest value
 MOST_POINTS = 800  # of a curve; of more, each point is the largest of some in a row
 
 
@@ -29,9 +30,9 @@ def chart(x: FloatArray, y: FloatArray, title: str, unit: str, along: str, *, le
     """
     top = max(float(y.max()), 1e-12)
     x0, span = float(x[0]), max(float(x[-1] - x[0]), 1e-12)
-    u, v = coarse((x - x0) / span * WIDTH, HEIGHT * (1 - 0.96 * y / top))
+    u, v = coarse((x - x0) / span * WIDTH, HEIGHT * (1 - HIGHEST * y / top))
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(u, v, strict=True))
-    line = "" if level is None else HEIGHT * (1 - 0.96 * level / top)
+    line = "" if level is None else HEIGHT * (1 - HIGHEST * level / top)
     mark = "" if level is None else f'<path class="level" d="M0 {line:.1f}H{WIDTH}"/>'
     worst = int(np.argmax(y))
     said = f"{title}: largest {top:.3g} {unit} at {x[worst]:.3g} {along}"

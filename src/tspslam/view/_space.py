@@ -25,7 +25,7 @@ from ._viewpoints import KEPT_PERCENT, downward, is_overhead
 STATES: tuple[State, ...] = ("keyframe", "tracked", "weak", "lost", "loop")  # their numbers in scene.js
 CEILING_SHARES = (0.05, 0.6)  # of the faces look down: else it is no room, and all is shown at once
 MAP_EYE = (-0.85, 1.3, -1.15)  # right, up, forward: behind the start, to its left, high above
-FRAME_EYE = (-0.42, 0.3, -0.86)  # behind the camera, to its left, above it
+FRAME_EYE = (-0.17, 0.11, -0.98)  # behind the camera, to its left, above it
 QUANTA = 65_535  # of places along each axis
 Others = Sequence[tuple[str, FloatArray]]
 

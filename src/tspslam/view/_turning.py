@@ -25,7 +25,7 @@ def frame_to_turn(frame: Frame) -> str:
     space = space_of_frame(frame)
     if space is None:
         return '<section><h2>The mesh in space</h2><p class="quiet">This frame has no points to show.</p></section>'
-    return f'<section class="scene"><h2>The {space.what} in space</h2>{_scene(pack(space), HOW)}</section>'
+    return f'<section class="scene"><h2 id="space">The {space.what} in space</h2>{_scene(pack(space), HOW)}</section>'
 
 
 def map_to_turn(

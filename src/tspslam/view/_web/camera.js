@@ -47,13 +47,15 @@ class Camera {
     const every = Math.ceil(model.known.length / SAMPLED), known = model.isPath ? model.known : [];
     const path = known.filter((_, k) => k % every === 0).map((k) => at(model.stations, k));
     const high = Math.tan(FIELD / 2) * 0.92, wide = high * canvas.clientWidth / Math.max(canvas.clientHeight, 1);
-    const all = [...model.sample, ...path].map(inside), cut = Math.floor((1 - FITTED) * all.length);
+    const surface = model.sample.map(inside), way = path.map(inside), all = [...surface, ...way];
+    const cut = Math.floor((1 - FITTED) * surface.length);
     const centre = [0, 1, 2].map((k) => {
       const values = sorted(all.map((p) => p[k]));
       return (values[cut] + values[values.length - 1 - cut]) / 2;
     });
     const need = (p) => p[2] - centre[2] + Math.max(Math.abs(p[0] - centre[0]) / wide, Math.abs(p[1] - centre[1]) / high);
-    const limit = sorted(all.map(need))[all.length - 1 - cut], seen = all.filter((p) => need(p) <= limit);
+    const limit = sorted(surface.map(need))[Math.max(surface.length - 1 - cut, 0)];
+    const seen = [...surface.filter((p) => need(p) <= limit), ...way]; // the path is never cut off
     const reach = () => Math.max(...seen.map(need), 1e-6);
     for (let round = 0; round < 4; round++) { // near things take more of the picture: its middle moves
       const distance = reach();

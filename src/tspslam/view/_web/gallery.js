@@ -7,6 +7,7 @@
   const previews = [...gallery.querySelectorAll(".previews button")];
   const stage = find(".stage"), large = find(".large"), canvas = find("canvas"), said = find(".said");
   const previous = find(".previous"), next = find(".next"), points = find(".points"), mesh = find(".mesh");
+  const places = previews.map((button) => Number(button.querySelector("img").dataset.frame)); // in the sequence
   let shown = 0, width = 1, height = 1;
 
   function bytesOf(words) {
@@ -25,29 +26,29 @@
       } while (byte & 128);
       return value;
     };
-    const count = read(), places = new Float32Array(2 * count), steps = new Uint8Array(count), edges = [];
+    const count = read(), spots = new Float32Array(2 * count), steps = new Uint8Array(count), edges = [];
     let u = 0;
     for (let k = 0; k < count; k++) {
       u += read();
-      places[2 * k] = u / 2;
-      places[2 * k + 1] = read() / 2;
+      spots[2 * k] = u / 2;
+      spots[2 * k + 1] = read() / 2;
       steps[k] = read();
       for (let left = read(); left > 0; left--) edges.push(k, k + read());
     }
-    return { places, steps, edges };
+    return { spots, steps, edges };
   }
 
   function draw() {
     const pen = canvas.getContext("2d"), scale = Math.max(1, Math.min(3, devicePixelRatio * large.clientWidth / width));
     canvas.width = Math.round(width * scale);
     canvas.height = Math.round(height * scale);
-    const { places, steps, edges } = unpack(frames[shown].drawing);
+    const { spots, steps, edges } = unpack(frames[shown].drawing);
     pen.scale(scale, scale);
     if (mesh.checked) {
       pen.beginPath();
       for (let k = 0; k < edges.length; k += 2) {
-        pen.moveTo(places[2 * edges[k]], places[2 * edges[k] + 1]);
-        pen.lineTo(places[2 * edges[k + 1]], places[2 * edges[k + 1] + 1]);
+        pen.moveTo(spots[2 * edges[k]], spots[2 * edges[k] + 1]);
+        pen.lineTo(spots[2 * edges[k + 1]], spots[2 * edges[k + 1] + 1]);
       }
       pen.lineWidth = 0.5;
       pen.strokeStyle = "rgba(255, 255, 255, 0.6)";
@@ -56,8 +57,8 @@
     if (!points.checked) return;
     for (let k = 0; k < steps.length; k++) {
       const from = 3 * steps[k];
-      pen.fillStyle = steps[k] ? `rgb(${colours[from]}, ${colours[from + 1]}, ${colours[from + 2]})` : "#969ea8";
-      pen.fillRect(places[2 * k] - 1, places[2 * k + 1] - 1, 2, 2);
+      pen.fillStyle = steps[k] ? `rgb(${colours[from]}, ${colours[from + 1]}, ${colours[from + 2]})` : "#92acc8";
+      pen.fillRect(spots[2 * k] - 1, spots[2 * k + 1] - 1, 2, 2);
     }
   }
 
@@ -84,9 +85,14 @@
     draw();
   }
 
+  function look(number, moves) { // somebody chose this one: what is turned in space goes there
+    show(number, moves);
+    document.dispatchEvent(new CustomEvent("shot", { detail: places[shown] }));
+  }
+
   function step(by) {
     const isInStrip = previews.includes(document.activeElement);
-    show(shown + by, true);
+    look(shown + by, true);
     if (isInStrip) previews[shown].focus({ preventScroll: true });
   }
 
@@ -98,7 +104,11 @@
     keys[event.key]();
     event.preventDefault();
   });
-  previews.forEach((button, k) => button.addEventListener("click", () => show(k, false)));
+  previews.forEach((button, k) => button.addEventListener("click", () => look(k, false)));
+  document.addEventListener("station", (event) => { // the last one taken until then
+    const k = places.findLastIndex((place) => place <= event.detail);
+    if (k >= 0 && k !== shown) show(k, true);
+  });
   previous.addEventListener("click", () => step(-1));
   next.addEventListener("click", () => step(1));
   for (const box of [points, mesh]) box.addEventListener("change", draw);

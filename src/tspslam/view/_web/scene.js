@@ -2,7 +2,7 @@
 // Each element of class "space" holds its scene as JSON, packed by _space.py, and its switches, made by _turning.py.
 const TURN = 0.007, STEP = Math.PI / 36; // rad a px dragged, rad a key pressed
 const LAP = 15; // s: the path is played in this time
-const ASK = "Click on the picture: what is there is said here.";
+const ASK = "Click on the picture: what is there is said here.", NOTHING = "Nothing is there.";
 
 class Scene {
   constructor(root) {
@@ -82,7 +82,9 @@ class Scene {
       button.addEventListener("click", () => { this.camera.look(button.dataset.view, this.now); this.request(); });
     }
     this.slider = form.querySelector('input[type="range"]');
-    this.slider?.addEventListener("input", () => { this.play(false); this.stand(Number(this.slider.value)); });
+    this.slider?.addEventListener("input", () => { this.play(false); this.stand(Number(this.slider.value)); this.tell(); });
+    document.addEventListener("DOMContentLoaded", () => this.slider && this.showThumb(this.now)); // pictures come below
+    document.addEventListener("shot", (event) => this.follow(event.detail));
     form.querySelector(".play")?.addEventListener("click", () => this.play(!this.timer));
     new ResizeObserver(() => this.request()).observe(canvas);
     const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -178,11 +180,11 @@ class Scene {
   click(event) {
     const box = this.canvas.getBoundingClientRect(), mouse = [event.clientX - box.left, event.clientY - box.top];
     const shown = { isSolid: this.on("surface"), isOpen: !this.on("ceiling") };
-    this.say(pick(this.model, this.camera, this.layer?.level ?? "face", mouse, shown));
+    this.say(pick(this.model, this.camera, this.layer?.level ?? "face", mouse, shown), NOTHING);
   }
 
-  say(found) { // in a line, and by a mark
-    this.root.querySelector(".said").textContent = found ? sentence(this.model, this.layer, found) : ASK;
+  say(found, otherwise = ASK) { // in a line, and by a mark
+    this.root.querySelector(".said").textContent = found ? sentence(this.model, this.layer, found) : otherwise;
     this.drawing.mark(found ? cornersOf(this.model, found) : []);
     this.request();
   }
@@ -199,6 +201,17 @@ class Scene {
     this.slider.setAttribute("aria-valuetext", words);
     this.form.querySelector(".time output").textContent = words;
     this.showThumb(row);
+  }
+
+  tell() { // the frames to page through, if the page has some
+    document.dispatchEvent(new CustomEvent("station", { detail: this.model.numbers[this.now] }));
+  }
+
+  follow(number) { // go where a picture was taken that somebody looks at
+    const row = this.model.numbers.indexOf(number);
+    if (!this.slider || row < 0 || row === this.now) return;
+    this.play(false);
+    this.stand(row);
   }
 
   showThumb(row) { // the last picture at or before it that the page has
