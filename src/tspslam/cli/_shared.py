@@ -53,7 +53,7 @@ def check_folder(out: Path, *inputs: Path | None) -> None:
 
 
 def announce_compilation(*, is_sequence: bool = False) -> None:
-    """Say that kernels are being compiled, if they are: those of a pair, of a sequence those of its path and map too."""
+    """Say that kernels are being compiled, if they are; a sequence has some for its path and its map."""
     from .._jit import is_cached
     from ..mapping._carving import carve
     from ..topology._harmonics import filter_one_ring
