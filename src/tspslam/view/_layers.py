@@ -152,8 +152,8 @@ def ticks_of(layer: Layer) -> list[tuple[float, str]]:
         steps = log_steps(10**low, 10**high)
         chosen = steps if len(steps) > 1 else [10**low, 10**high]
         return [(float((np.log10(z) - low) / (high - low)), f"{z:.3g}") for z in chosen]
-    steps = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10], integer=layer.unit == COUNTED).tick_values(low, high)
-    values = [float(value) for value in steps if low - 1e-9 <= value <= high + 1e-9]
+    found = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10], integer=layer.unit == COUNTED).tick_values(low, high)
+    values = [float(value) for value in found if low - 1e-9 <= value <= high + 1e-9]
     return [((value - low) / (high - low), f"{value:.3g}") for value in values]
 
 
