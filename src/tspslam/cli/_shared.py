@@ -112,14 +112,13 @@ def _say_times(times: dict[str, Any], frames: int) -> str:
 def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:
     """Lines with the files that a run has left, and the commands that go on from it."""
     name = shlex.quote(str(folder))
+    is_unmeasured = run["frames"] > 2 and "evaluation" not in run  # it takes three poses
     return [
         f"pictures: {folder / 'pictures'}",
         f"report:   {folder / 'report.html'}",
         f"map:      {folder / 'map.vtu'}",
         "",
         f"look:     tspslam view {name}",
-        *(
-            [f"measure:  tspslam eval {name} --truth POSES"] if run["frames"] > 2 and "evaluation" not in run else []
-        ),  # it takes three
+        *([f"measure:  tspslam eval {name} --truth POSES"] if is_unmeasured else []),
         f"hand on:  tspslam export {name} --to ply",
     ]
