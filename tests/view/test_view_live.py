@@ -15,12 +15,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from view_maps import ODD_MAPS, room, wall
 
-from tspslam.errors import OutputError
+from tspslam.errors import InputError, OutputError
 from tspslam.view._layers import Layer, layers_of_map
 from tspslam.view.live import _drawn
 from tspslam.view.live._drawn import draw_frame, draw_map
 from tspslam.view.live._element import element_at, element_of, value_of
-from tspslam.view.live._gate import Gate
+from tspslam.view.live._gate import Gate, is_loopback
 from tspslam.view.live._glb import LINES, glb_of
 from tspslam.view.live._images import OVERLAYS, PATCH, jpeg_of, overlaid, patch, pixels_of, sheet, shrunk
 from tspslam.view.live._server import free_port
@@ -257,8 +257,10 @@ def test_a_busy_port_is_passed_over():
 
 
 def test_a_host_that_is_not_this_machine_is_refused():
-    with pytest.raises(OutputError, match=r"--host 192\.0\.2\.1: .*expected an address of this machine"):
-        free_port("192.0.2.1", 8080)
+    for host in ("192.0.2.1", "a" * 300, ".....", "no\nname"):
+        with pytest.raises(InputError, match=r"--host .*expected an address of this machine") as error:
+            free_port(host, 8080)
+        assert "\n" not in str(error.value)
 
 
 def test_ports_may_run_out(monkeypatch):
@@ -284,12 +286,12 @@ class Inside(http.server.BaseHTTPRequestHandler):
         pass
 
 
-@pytest.fixture
-def gate():
+@pytest.fixture(params=[True])
+def gate(request):
     inner = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Inside)
     thread = threading.Thread(target=inner.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
-    made = Gate("127.0.0.1", 0, inner.server_address[1])
+    made = Gate("127.0.0.1", 0, inner.server_address[1], is_open=request.param)
     yield made
     made.close()
     inner.shutdown()
@@ -330,11 +332,31 @@ def test_a_page_from_elsewhere_is_refused(gate):
     assert asked(gate, Cookie=cookie, Origin=f"http://127.0.0.1:{gate.port}")[0] == 200
 
 
-def test_what_is_no_request_is_refused(gate):
-    for data in (b"\x00\xff\r\n\r\n", b"GET\r\n\r\n", b"A" * 70_000):
+@pytest.mark.parametrize("gate", [False], indirect=True)
+def test_on_this_machine_only_its_own_page_is_served(gate):
+    own = f"127.0.0.1:{gate.port}"
+    assert gate.token is None
+    assert asked(gate)[:2] == (200, b"the run")
+    assert asked(gate, Host=f"localhost:{gate.port}", Origin=f"http://localhost:{gate.port}")[0] == 200
+    wrong = {"Host": "evil.example"}, {"Host": f"evil.example:{gate.port}"}, {"Origin": "http://evil.example"}
+    for headers in (*wrong, {"Host": own, "Origin": "null"}, {"Host": own, "Origin": "http://["}):
+        assert asked(gate, **headers)[0] == 403
+        assert asked(gate, Upgrade="websocket", Connection="Upgrade", **headers)[0] == 403
+
+
+@pytest.mark.parametrize(("host", "is_own"), [("127.1", True), ("0x7f.1", True), ("::1", True), ("LOCALHOST", True),
+                                          ("0.0.0.0", False), ("a" * 300, False), ("", False)])  # fmt: skip
+def test_this_machine_has_several_names(host, is_own):
+    assert is_loopback(host) is is_own
+
+
+@pytest.mark.parametrize("gate", [True, False], indirect=True)
+def test_what_is_no_request_is_refused_without_a_word(gate, capfd):
+    for data in (b"\x00\xff\r\n\r\n", b"GET\r\n\r\n", b"A" * 70_000, b"GET //[ HTTP/1.1\r\nHost: x\r\n\r\n"):
         with socket.create_connection(("127.0.0.1", gate.port), timeout=10) as guest:
             guest.sendall(data)
             assert guest.recv(12) == b"HTTP/1.1 403"
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_large_map_is_sent_in_tiles():

@@ -102,6 +102,8 @@ def serve(
         for line in viewer.remarks:
             say(line)
         say(f"viewer: {viewer.address}")
+        if shots is None and not world.stored and world.map_ is None:
+            say(world.said)
         while shots is None or not shots.is_over:
             if world is not None:
                 for line in world.missing:

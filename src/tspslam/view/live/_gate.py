@@ -1,7 +1,8 @@
-"""A door before viser, which knows no password: whoever comes from another machine shows the token of the address.
+"""A door before viser, which lets anybody in: pages of other sites stay outside, and who has not the token.
 
-The first request carries it as ``/?token=...``, gets it back as a cookie and is sent to ``/``; what comes
-without either gets one sentence and nothing of viser.
+On this machine alone, a browser must ask for this very address, not for another name or from another site's page.
+Where other machines can come, the first request carries a token as ``/?token=...``, gets it back as a cookie and is
+sent to ``/``. What comes otherwise gets one sentence and nothing of viser.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import secrets
 import socket
 import socketserver
 import threading
+from typing import Any
 from urllib.parse import parse_qs
 
 _LARGEST = 1 << 16  # bytes of a request's head
@@ -30,17 +32,22 @@ def is_loopback(host: str) -> bool:
     >>> [is_loopback(host) for host in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "192.168.0.7")]
     [True, True, True, False, False]
     """
-    try:
+    with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host.lower() == "localhost"
+    with contextlib.suppress(OSError, UnicodeError):  # 127.1 is short for 127.0.0.1
+        return ipaddress.ip_address(socket.inet_aton(host)).is_loopback
+    return host.lower() == "localhost"
 
 
 class Gate:
-    """Listens at an address, and hands those who know the token on to a port of this machine."""
+    """Listens at an address, and hands those who may come in on to a port of this machine.
 
-    def __init__(self, host: str, port: int, inner: int) -> None:
-        self.token = secrets.token_urlsafe(24)
+    `token` is what guests of an open gate need; None of one that only this machine can reach.
+    """
+
+    def __init__(self, host: str, port: int, inner: int, *, is_open: bool) -> None:
+        self.token = secrets.token_urlsafe(24) if is_open else None
+        self._host = host
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         gate = self
 
@@ -53,7 +60,10 @@ class Gate:
                     gate._answer(self.request, inner)
 
         class Server(socketserver.ThreadingTCPServer):
-            """One thread a connection."""
+            """One thread a connection; what a stranger sends is no reason to say anything."""
+
+            def handle_error(self, request: Any, client_address: Any) -> None:
+                """Let the connection go."""
 
             address_family, allow_reuse_address, daemon_threads, block_on_close = family, True, True, False
 
@@ -73,19 +83,26 @@ class Gate:
         guest.settimeout(_PATIENCE)
         head, rest = _read_head(guest)
         found = _LINE.match(head)
-        if found and found[1] == b"GET" and self._is_right(_token_in(found[2])):
+        if found and self.token and found[1] == b"GET" and self._is_right(_token_in(found[2])):
             cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
             _reply(guest, "303 See Other", "", f"Location: /\r\nSet-Cookie: {cookie}\r\n")
-        elif found and self._is_right(_cookies(head).get(self._cookie, "")) and _is_same_site(head):
+        elif found and _is_same_site(head) and self._is_known(head):
             guest.settimeout(None)
             with socket.create_connection(("127.0.0.1", inner)) as server:
                 server.sendall(head + rest)
                 _pump_both(guest, server)
         else:
-            _reply(guest, "403 Forbidden", "This viewer needs the token of the address that tspslam printed.\n")
+            _reply(guest, "403 Forbidden", "This viewer needs the whole address that tspslam printed.\n")
+
+    def _is_known(self, head: bytes) -> bool:
+        """Whether the cookie is there, or, without a token, the browser asks for this machine by a name of its own."""
+        if self.token is not None:
+            return self._is_right(_cookies(head).get(self._cookie, ""))
+        names = {self._host, f"[{self._host}]", "127.0.0.1", "localhost", "[::1]"}
+        return _headers(head, "host")[0].lower() in {f"{name.lower()}:{self.port}" for name in names}
 
     def _is_right(self, token: str) -> bool:
-        return hmac.compare_digest(token.encode(), self.token.encode())
+        return self.token is not None and hmac.compare_digest(token.encode(), self.token.encode())
 
 
 def _read_head(guest: socket.socket) -> tuple[bytes, bytes]:

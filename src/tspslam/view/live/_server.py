@@ -6,6 +6,7 @@ import os
 import socket
 from typing import Any
 
+from ..._files import one_line
 from ...errors import InputError, OutputError
 
 MISSING = "the viewer needs viser: pip install 'tspslam[viewer]'"
@@ -32,7 +33,7 @@ def start_server(host: str, port: int) -> Any:
 
 
 def free_port(host: str, port: int) -> int:
-    """The first port from `port` on that nobody listens on; `OutputError` if the host is none of this machine's."""
+    """The first port from `port` on that nobody listens on; `InputError` if the host is none of this machine's."""
     for tried in range(port, min(port + TRIED, 65536)):
         try:
             family = socket.getaddrinfo(host, tried, type=socket.SOCK_STREAM)[0][0]
@@ -44,9 +45,12 @@ def free_port(host: str, port: int) -> int:
                 return int(listening.getsockname()[1])
         except PermissionError:
             continue
+        except UnicodeError as error:
+            raise InputError(one_line(f"--host {host:.80}: is no name; expected an address of this machine")) from error
         except OSError as error:
             if isinstance(error, socket.gaierror) or error.errno not in _BUSY:
-                raise OutputError(f"--host {host}: {error.strerror}; expected an address of this machine") from error
+                said = f"--host {host:.80}: {error.strerror}; expected an address of this machine"
+                raise InputError(one_line(said)) from error
     raise OutputError(f"--port {port}: it and the {TRIED - 1} after it are in use; expected a free one")
 
 

@@ -71,20 +71,19 @@ class Viewer:
     Raises
     ------
     InputError
-        If viser is not installed.
+        If viser is not installed, or `host` is no address of this machine.
     OutputError
-        If there is no free port, or `host` is no address of this machine.
+        If there is no free port.
     """
 
     def __init__(
         self, frames: Callable[[int], Frame], *, host: str = "127.0.0.1", port: int = PORT, frame: int | None = None,
         complain: Callable[[str], None] = lambda line: None,
     ) -> None:  # fmt: skip
-        is_open = not is_loopback(host)
         outer = free_port(host, port)
-        self._server = start_server("127.0.0.1" if is_open else host, 0 if is_open else outer)
-        self._gate = Gate(host, outer, self._server.get_port()) if is_open else None
-        self.port: int = self._server.get_port() if self._gate is None else self._gate.port
+        self._server = start_server("127.0.0.1", 0)
+        self._gate = Gate(host, outer, self._server.get_port(), is_open=not is_loopback(host))
+        self.port: int = self._gate.port
         self.address, self.remarks = _address(host, self.port, self._gate), _remarks(host, port, self.port, self._gate)
         self._frames, self._complain, self._wanted = frames, complain, frame
         self._changed, self._todo = threading.Condition(), dict[str, Callable[[], None]]()
@@ -180,8 +179,7 @@ class Viewer:
 
     def close(self) -> None:
         """Stop serving."""
-        if self._gate is not None:
-            self._gate.close()
+        self._gate.close()
         self._server.stop()
 
     # What stands in the scene.
@@ -419,15 +417,15 @@ def _placed(frame: Frame, T: FloatArray) -> FloatArray:
     return np.asarray(xyz @ T[:3, :3].T + T[:3, 3])
 
 
-def _address(host: str, port: int, gate: Gate | None) -> str:
+def _address(host: str, port: int, gate: Gate) -> str:
     named = socket.gethostname() if host in ("0.0.0.0", "::", "") else f"[{host}]" if ":" in host else host
-    return f"http://{named}:{port}" + (f"/?token={gate.token}" if gate is not None else "")
+    return f"http://{named}:{port}" + (f"/?token={gate.token}" if gate.token else "")
 
 
-def _remarks(host: str, asked: int, port: int, gate: Gate | None) -> list[str]:
+def _remarks(host: str, asked: int, port: int, gate: Gate) -> list[str]:
     """What to say before the address."""
     lines = [f"port {asked} is in use: {port} serves"] if asked not in (0, port) else []
-    if gate is not None:
+    if gate.token:
         lines.append(
             f"warning: other machines can reach {host}; they need the token of the address, which goes unencrypted"
         )
