@@ -169,7 +169,7 @@ def test_a_click_is_answered(viewer, open_page):
         if page.get_by_text(re.compile(r"^face \d+$")).count():
             break
     page.get_by_text(re.compile(r"^face \d+$")).wait_for()
-    page.get_by_text(re.compile(r"^seen in \d+ frame")).wait_for()
+    page.get_by_text(re.compile(r"matched in \d+ frame")).wait_for()
     assert page.get_by_text("Views of faces", exact=True).count()
     assert not heard.errors
 

@@ -14,6 +14,7 @@ from .world import State, World
 
 MAP, FRAME = "Map", "Frame of the slider"
 NONE = "No colours"
+VIEWS = BEGINNING, ABOVE, ALONG = "First view", "From above", "Along path"
 _FIRST_ON = ("surface", "path", "cameras", "pictures", "loops")
 _QUALITY = 80  # of JPEG
 
@@ -24,13 +25,16 @@ class Panel:
     """Controls of a server; what a person changes is asked for by name, so the last of many changes counts."""
 
     def __init__(self, gui: Any) -> None:
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.configure_theme(
+            control_layout="collapsible", control_width="large", show_logo=False, show_share_button=False
+        )
         gui.set_panel_label("tspslam")
         self.status = gui.add_html("")
         with gui.add_folder("Colours"):
             self.source = gui.add_dropdown("Surface of", (MAP, FRAME))
             self.layer = gui.add_dropdown("Colour", (NONE,))
             self.legend = gui.add_html(legend(None))
+        self.views = gui.add_button_group("Look", VIEWS)
         with gui.add_folder("Time"):
             self.time = gui.add_slider("Frame", min=0, max=1, step=1, initial_value=0)
             self.play = gui.add_checkbox("Play", False)

@@ -28,8 +28,9 @@ INK, POINT_RGB = (60, 66, 74), (12, 133, 153)
 SWITCHES = ("surface", "edges", "points", "path", "cameras", "pictures", "loops")
 THICK_EDGES = 60_000  # more are drawn as lines of one pixel, which the browser draws faster
 CLOUD_POINTS, CLOUDS = 1000, 200  # of a keyframe while there is no map; keyframes whose points are shown
+TINT = (219, 228, 239)  # neither end of a grey scale, as behind the scenes of pages
 CAMERA = 0.025  # depth of a keyframe's frustum, in the reach of the scene
-_UP = np.array([0.0, -1.0, 0.0])
+_UP, _FORWARD = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _CORNERS = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [2, 3], [3, 4], [4, 1]])
 
 
@@ -39,10 +40,12 @@ class Stage:
     def __init__(self, server: Any) -> None:
         self._server, self._scene = server, server.scene
         self._scene.set_up_direction("-y")
+        self._scene.set_background_image(np.full((1, 1, 3), TINT, np.uint8))
         self._tops = {name: self._scene.add_frame(f"/{name}", show_axes=False) for name in SWITCHES}
         self._tiles: list[Any] = []
         self._nodes: dict[str, Any] = {}
         self._clouds: dict[int, Any] = {}
+        self._first = np.zeros(3), _FORWARD
         self.reach = 1.0  # m: how large the scene is, about
 
     def switch(self, name: str, is_on: bool) -> None:
@@ -163,7 +166,28 @@ class Stage:
         camera.position = first[:3, 3] + self.reach * (-0.45 * ahead + 0.5 * _UP)
         camera.look_at = first[:3, 3] + 0.4 * self.reach * ahead
         camera.up = _UP
+        self._first = camera.position, camera.look_at
         camera.near, camera.far = 1e-3 * self.reach, 100 * self.reach
+
+    def look_as_first(self) -> None:
+        """Bring every page back to where it began."""
+        self._look(*self._first)
+
+    def look_from_above(self, stations: Sequence[Station]) -> None:
+        """Show every page the path from high above."""
+        places = np.array([each.T_world_camera[:3, 3] for each in stations]).reshape(-1, 3)
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2 if len(places) else np.zeros(3)
+        self._look(middle + self.reach * (1.3 * _UP - 0.01 * _FORWARD), middle)
+
+    def look_along(self, T_world_camera: FloatArray) -> None:
+        """Show every page what a camera sees, from behind and above it."""
+        place, forward = T_world_camera[:3, 3], T_world_camera[:3, 2]
+        self._look(place + 0.06 * self.reach * (0.5 * _UP - forward), place + 0.2 * self.reach * forward)
+
+    def _look(self, position: FloatArray, target: FloatArray) -> None:
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.position, client.camera.look_at = position, target
 
     def _lines(self, name: str, ends: FloatArray, rgb: Any, width: float) -> Any:
         return self._scene.add_line_segments(name, ends, rgb, thickness=width, thickness_units="screen")

@@ -54,7 +54,8 @@ def element_page(element: Element | None) -> str:
     )
     frames = ", ".join(str(each.number) for each in element.sightings[:_MOST])
     more = len(element.sightings) - _MOST
-    seen = f"seen in {len(element.sightings)} frame(s): {frames}{f' and {more} more' if more > 0 else ''}"
+    whole = "matched" if element.level == "vertex" else "with all its vertices matched"
+    seen = f"{whole} in {len(element.sightings)} frame(s): {frames}{f' and {more} more' if more > 0 else ''}"
     return f"{_BOX}<b>{element.level} {element.number}</b><table>{rows}</table><div>{seen}</div></div>"
 
 

@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from ._drawn import Drawn, draw_frame, draw_map
 from ._element import Element, element_at, element_of
 from ._gate import Gate, is_loopback
 from ._images import OVERLAYS, THUMBNAIL, Pixels, overlaid, patch, pixels_of, sheet, shrunk
-from ._panel import FRAME, MAP, Panel, put
+from ._panel import ABOVE, BEGINNING, FRAME, MAP, Panel, put
 from ._server import free_port, start_server
 from ._stage import SWITCHES, Stage
 from .world import State, Station, World
@@ -100,6 +101,7 @@ class Viewer:
             "source": self._draw, "layer": self._recolour, "switches": self._switch, "ceiling": self._recolour,
             "time": self._seek, "play": lambda: None, "follow": self._show_now, "overlay": self._show_now,
         })  # fmt: skip
+        self._panel.views.on_click(lambda event: self.ask("look", partial(self._look, event.target.value)))
         self._server.scene.on_click()(self._clicked)
         self._switch()
 
@@ -144,7 +146,7 @@ class Viewer:
         world : World
             What is known of it.
         """
-        before, self._world = self._world, world
+        at, before, self._world = self._station(), self._world, world
         is_new = len(world.stations) != len(before.stations) or (world.map_ is None) != (before.map_ is None)
         if before.map_ is not None and world.map_ is None:
             self._drawn = None  # the run was begun anew
@@ -155,12 +157,15 @@ class Viewer:
                 self._add_cloud(number)
         self._panel.show_status(world, list(self._faults.values()))
         if is_new or world.is_live != before.is_live:
+            if at is not None:
+                self._seek_number(at.number)  # a finished run has more frames than the one that went on
             self._draw_path()
             self._go_to_newest()
         if self._drawn is None or is_new:
             self._draw()
-        if world.map_ is not None:
+        if world.map_ is not None and before.map_ is None:
             self._stage.remove_clouds()
+            self._show_clouds(False)
         self._panel.show_status(world, list(self._faults.values()))
 
     def show_shot(self, shot: Shot) -> None:
@@ -175,6 +180,7 @@ class Viewer:
         if self._panel.follow.value and self._world.is_live and self._server.get_clients():
             pixels = pixels_of(shot.jpeg)
             self._stage.draw_now(shot.T_world_camera, shot.rig, None)
+            self._stage.look_along(shot.T_world_camera)
             self._panel.show_now(shot.number, shot.state, shot.number, pixels)
 
     def close(self) -> None:
@@ -206,7 +212,13 @@ class Viewer:
         if frame is not None and pose is not None and len(frame.cloud):
             if len(self._clouds) == 1:
                 self._stage.look_from_behind(self._world.stations, _placed(frame, pose))
+                self._show_clouds(True)
             self._stage.add_cloud(frame, pose)
+
+    def _show_clouds(self, is_on: bool) -> None:
+        """Points are what there is to see of a run until its map is there."""
+        put(self._panel.switches["points"], "value", is_on)
+        self._switch()
 
     def _draw_path(self) -> None:
         world, rig = self._world, self._rig
@@ -314,8 +326,6 @@ class Viewer:
                 )  # fmt: skip
                 return
 
-    # Time.
-
     def _station(self) -> Station | None:
         stations = self._world.stations
         return stations[min(int(self._panel.time.value), len(stations) - 1)] if stations else None
@@ -364,7 +374,14 @@ class Viewer:
         if self._rig is not None:
             self._stage.draw_now(station.T_world_camera, self._rig, None)
 
-    # Clicks.
+    def _look(self, view: str) -> None:
+        station = self._station()
+        if view == BEGINNING:
+            self._stage.look_as_first()
+        elif view == ABOVE:
+            self._stage.look_from_above(self._world.stations)
+        elif station is not None:
+            self._stage.look_along(station.T_world_camera)
 
     def _clicked(self, event: Any) -> None:
         origin, along = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
