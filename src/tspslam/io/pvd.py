@@ -8,6 +8,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .._atomic import make_folder, write_bytes
+from .._files import bad_input
 from ..frame import Frame
 from ..topological_map import TopologicalMap
 from ..topology.complex import build_complex
@@ -16,6 +17,8 @@ from ._paraview import state_of
 from .maps import write_map_vtu
 from .runs import StoredRun
 from .vtu import write_vtu
+
+_FARTHEST = 1e12  # m: beyond it no view of float32 numbers can be set
 
 
 def write_pvd(folder: Path, run: StoredRun, shown: Frame | TopologicalMap) -> None:
@@ -41,6 +44,9 @@ def write_pvd(folder: Path, run: StoredRun, shown: Frame | TopologicalMap) -> No
     """
     numbers = run.keyframes or run.stored
     path = _path_of(run, numbers)
+    places = path.T_world_camera[:, :3, 3]
+    if not (np.abs(places) < _FARTHEST).all():
+        raise bad_input(run.path / "trajectory.tum", "has places that are too far away", f"less than {_FARTHEST:g} m")
     start = float(path.stamp[0]) if len(path) else 0.0
     make_folder(folder / "frames")
     sets = []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._brief import Brief
 from .._files import PathLike, bad_input, reason_of
+from ..errors import InputError
 from ..topological_map import TopologicalMap
 from ..types import FloatArray, Trajectory
 from ._views import TO_CORNER, ImageOf, check_views, png_of, view_of
@@ -19,6 +20,7 @@ from .trajectory import quaternions
 
 Rgb = NDArray[np.uint8]
 MISSING = "the library rerun: pip install 'tspslam[rerun]'"
+_LAST = 9e9  # s: rerun counts nanoseconds in 64 bits
 _CALENDAR = 1e8  # s: later stamps count from 1970, earlier ones from the start of a recording
 _FRUSTUM = 2.0  # baselines: as deep as a camera is drawn
 _ARROW = 0.5  # of the median edge: length of a direction
@@ -85,6 +87,9 @@ def write_rrd(path: PathLike, run: RecordedRun) -> None:
     time and with random numbers, so that the bytes differ from time to time; the recording's id is that of the data.
     """
     check_views(run.map_, "rerun")
+    stamp = run.trajectory.stamp
+    if not (np.abs(stamp) < _LAST).all():
+        raise InputError(f"rerun: stamps are {stamp.min():g} to {stamp.max():g} s, expected less than {_LAST:g} s")
     rr = _rerun(path)
     stream = rr.RecordingStream("tspslam", recording_id=_id_of(run), default_enabled=True)
     stream.save(path, default_blueprint=_blueprint())

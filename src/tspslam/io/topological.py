@@ -131,7 +131,7 @@ def load_map(run: PathLike) -> TopologicalMap:
     if Path(run).is_file():
         return read_map(run)
     folder = RunFolder.open(run)
-    if not folder.map_npz_path.exists():
+    if not folder.map_npz_path.exists() and folder.map_npz_path.name not in folder.units:
         raise bad_input(run, "has no map.npz", f"the run of a sequence whose map was made: {AGAIN}")
     folder.check_unchanged(folder.map_npz_path)
     return read_map(folder.map_npz_path)

@@ -16,6 +16,7 @@ from ..io.runs import StoredRun, load_run
 from ..io.topological import load_map
 from ..topological_map import TopologicalMap
 from ..types import Image, Trajectory
+from .given import has_map
 
 
 @dataclass(frozen=True)
@@ -123,5 +124,4 @@ def export_bag(run: Path, folder: Path) -> None:
     Parameters: as `export_colmap`.
     """
     stored = load_run(run)
-    has_map = RunFolder.open(run).map_npz_path.exists()
-    write_bag(folder, stored.trajectory, load_map(run) if has_map else None)
+    write_bag(folder, stored.trajectory, load_map(run) if has_map(RunFolder.open(run)) else None)

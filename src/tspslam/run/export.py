@@ -15,7 +15,7 @@ from ._export_rrd import export_rrd
 from ._export_runs import export_bag, export_colmap, export_nerfstudio
 from ._exported import Exported, write_cloud, write_numbers, write_scene, write_series
 from .config import resolve
-from .given import file_kind, shown_of_run, write_shown
+from .given import file_kind, has_map, shown_of_run, write_shown
 from .guard import EXPORTS, MAPS, Kind, check_new_folder, check_place
 from .map import join_keyframes, stored_keyframes
 
@@ -129,7 +129,7 @@ def export(
 def _first_without_map(run: Path) -> int | None:
     """Index of the frame that stands for the map of a run without one, as in its own map.vtu; None where it has one."""
     folder = RunFolder.open(run)
-    return None if folder.map_npz_path.exists() or not folder.stored_frames else folder.stored_frames[0]
+    return None if has_map(folder) or not folder.stored_frames else folder.stored_frames[0]
 
 
 def _default_name(chosen: Format, run: str, part: str) -> str:

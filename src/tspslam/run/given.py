@@ -165,7 +165,7 @@ def shown_of_run(run: Path, frame: int | None = None) -> tuple[str, Frame | Topo
         If it is no run folder, has no such frame, or of several frames no map.
     """
     folder = RunFolder.open(run)
-    made = load_map(run) if frame is None and folder.map_npz_path.exists() else None
+    made = load_map(run) if frame is None and has_map(folder) else None
     if made is not None and len(made.keyframes) > 1:
         return "map", made
     if frame is None and len(folder.stored_frames) > 1:
@@ -173,6 +173,21 @@ def shown_of_run(run: Path, frame: int | None = None) -> tuple[str, Frame | Topo
     first = folder.stored_frames[0] if folder.stored_frames else 0
     stored = folder.finished_frame(first if frame is None else frame)
     return stored.stem, read_frame(stored)
+
+
+def has_map(folder: RunFolder) -> bool:
+    """Tell whether a run has a map, or had one: then it is an error that it is not there.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    bool
+    """
+    return folder.map_npz_path.exists() or folder.map_npz_path.name in folder.units
 
 
 def _of_npz(path: Path) -> Frame | TopologicalMap:

@@ -199,7 +199,8 @@ class _Buffer:
 
     def add(self, values: NDArray[Any], kind: str) -> list[str | int]:
         """Add an array; gives what finds it again."""
-        made = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()
+        with np.errstate(over="ignore"):  # farther than a float32 can say: infinitely far, and not drawn
+            made = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()
         at = sum(map(len, self.parts))
         self.parts.append(made + bytes(-len(made) % 4))
         return [kind, at, int(np.size(values))]

@@ -20,7 +20,7 @@ def legend(layer: Layer | None) -> str:
     if layer is None:
         return f"{_BOX}No values: shaded surface.</div>"
     bar = _bar(layer) if layer.scale != "rgb" else ""
-    return f"{_BOX}{bar}<div style='{_SHADE}'>{escape(layer.note)} Grey-blue: no value.</div></div>"
+    return f"{_BOX}{bar}<div style='{_SHADE}'>{escape(layer.note)} Pale blue: no value.</div></div>"
 
 
 def _bar(layer: Layer) -> str:
