@@ -10,10 +10,11 @@ from tspslam import InputError, OutputError
 from tspslam.io._export_folder import MARK, check_free, fill_folder
 
 
-def write(path, content=b"one", name="inner/a", **options):
+def write(path, content=b"one", name="inner/a", meanwhile=lambda: None, **options):
     with fill_folder(path, "pvd", **options) as folder:
         (folder / "inner").mkdir()
         (folder / name).write_bytes(content)
+        meanwhile()
 
 
 def content(folder):
@@ -143,3 +144,13 @@ def test_a_place_that_cannot_be_is_an_output_error(tmp_path):
         with pytest.raises(OutputError) as caught:
             write(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_comes_into_an_earlier_export_meanwhile_stays(tmp_path):
+    target = tmp_path / "out"
+    with fill_folder(target, "pvd") as folder:
+        (folder / "a").write_text("first")
+    with pytest.raises(InputError, match=r"thesis\.txt, which no export wrote"):
+        write(target, name="a", is_forced=True, meanwhile=lambda: (target / "thesis.txt").write_text("the only copy"))
+    assert (target / "thesis.txt").read_text() == "the only copy"
+    assert (target / "a").read_text() == "first"

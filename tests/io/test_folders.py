@@ -103,3 +103,38 @@ def test_a_full_disk_is_an_output_error_and_leaves_no_export(tmp_path, export, g
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.startswith(f"refused: {tmp_path}/a")
     assert names(tmp_path) == []
+
+
+def test_what_comes_into_the_folder_meanwhile_stays(tmp_path):
+    target = tmp_path / "out"
+
+    def write():
+        with new_folder(target) as folder:
+            (folder / "a").write_text("made")
+            target.mkdir()
+            (target / "thesis.txt").write_text("the only copy")
+
+    with pytest.raises(InputError, match=r"out: is there already"):
+        write()
+    assert (target / "thesis.txt").read_text() == "the only copy"
+    assert [each.name for each in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX'")
+def test_an_empty_folder_keeps_who_may_look_into_it(tmp_path):
+    target = tmp_path / "out"
+    target.mkdir(mode=0o700)
+    with new_folder(target) as folder:
+        (folder / "a").write_text("made")
+    assert target.stat().st_mode & 0o777 == 0o700
+    assert (target / "a").read_text() == "made"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="others do not let a folder go that somebody is in")
+def test_a_folder_that_is_gone_is_one_line(tmp_path, monkeypatch):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(OutputError, match="cannot be written"), new_folder("out"):
+        pass

@@ -38,10 +38,15 @@ def main() -> None:
     """Run the command line; every error becomes one line and its exit code."""
     hold_streams()
     listen()
+    signal.signal(signal.SIGTERM, _interrupt)  # what was begun is taken away, as at ctrl-C
     os.environ["MPLBACKEND"] = "agg"  # no window is opened; a name that Matplotlib no longer knows would end the run
     code = exit_code(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
     sys.exit(code)
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def exit_code(arguments: list[str]) -> int:
@@ -68,7 +73,8 @@ def exit_code(arguments: list[str]) -> int:
             return _complain(_line(error), _code_of(error))
         code = INTERRUPTED
     if code == INTERRUPTED:
-        return _complain("interrupted; the same command goes on where this one stopped", INTERRUPTED)
+        what = "goes on where this one stopped" if "run" in arguments[:2] else "begins anew"
+        return _complain(f"interrupted; the same command {what}", INTERRUPTED)
     return code
 
 

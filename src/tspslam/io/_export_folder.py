@@ -68,8 +68,7 @@ def fill_folder(path: Path, kind: str, *, is_forced: bool = False) -> Iterator[P
     OutputError
         If the system refuses.
     """
-    check_free(path, kind, is_forced=is_forced)
-    with new_folder(path, is_replaced=is_forced) as folder:
+    with new_folder(path, may_go=lambda found: check_free(found, kind, is_forced=is_forced)) as folder:
         yield folder
         names = sorted(each.relative_to(folder).as_posix() for each in folder.rglob("*") if each.is_file())
         written = json.dumps({"export": kind, "files": [*names, MARK], "of": "tspslam"}, indent=1, ensure_ascii=False)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from .._atomic import TEMPORARY_PREFIX, TEMPORARY_SUFFIX, _sync_folder, bad_output
 from .._files import PathLike, bad_input, one_line
-from ..errors import OutputError
+from ..errors import InputError, OutputError
 
 
 @contextlib.contextmanager
-def new_folder(path: PathLike, *, is_replaced: bool = False) -> Iterator[Path]:
+def new_folder(path: PathLike, *, may_go: Callable[[Path], None] | None = None) -> Iterator[Path]:
     """Make a folder beside `path` that takes its name when the block ends without an error.
 
     All files are synced to disk before. On any failure, an interruption included, the folder is removed, and what was
@@ -26,8 +26,9 @@ def new_folder(path: PathLike, *, is_replaced: bool = False) -> Iterator[Path]:
     ----------
     path : str or path
         The folder to make: not there yet, or empty. The folder above it must exist.
-    is_replaced : bool
-        Whether a folder with files in it may go.
+    may_go : callable, Path -> None, optional
+        Raises `InputError` unless a folder with files in it may go; called at the beginning, and once more with the
+        folder out of the way, since somebody may have put something into it meanwhile.
 
     Yields
     ------
@@ -50,11 +51,15 @@ def new_folder(path: PathLike, *, is_replaced: bool = False) -> Iterator[Path]:
     ...     Path(above, "made", "a.txt").read_text()
     'whole'
     """
-    target = Path(os.path.abspath(os.fspath(path)))
-    with _beside(path, target, _check_folder if is_replaced else _check_free) as temporary:
+    try:
+        target = Path(os.path.abspath(os.fspath(path)))
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
+    check = _check_free if may_go is None else may_go
+    with _beside(path, target, check) as temporary:
         yield temporary
         _sync_files(temporary)
-        with _out_of_the_way(target):
+        with _out_of_the_way(target, check):
             temporary.rename(target)
         _sync_folder(target.parent)
 
@@ -94,6 +99,8 @@ def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iter
     """A folder beside the target that is gone at the end, unless it was renamed; what goes wrong is ours to say."""
     temporary = _temporary(target)
     try:
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(target)  # ValueError of a name that cannot be
         check(target)
         temporary.mkdir()
     except (OSError, ValueError) as error:
@@ -109,7 +116,7 @@ def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iter
 
 
 @contextlib.contextmanager
-def _out_of_the_way(target: Path) -> Iterator[None]:
+def _out_of_the_way(target: Path, check: Callable[[Path], None]) -> Iterator[None]:
     """Rename a folder for a block that puts another in its place; it comes back if that fails, and else is removed."""
     if not target.exists():
         yield
@@ -117,7 +124,12 @@ def _out_of_the_way(target: Path) -> Iterator[None]:
     aside = _temporary(target)
     target.rename(aside)
     try:
+        try:
+            check(aside)
+        except InputError as error:
+            raise InputError(str(error).replace(str(aside), str(target))) from error
         yield
+        target.chmod(stat.S_IMODE(aside.stat().st_mode))
     except BaseException:
         aside.rename(target)
         raise
@@ -126,11 +138,6 @@ def _out_of_the_way(target: Path) -> Iterator[None]:
 
 def _temporary(target: Path) -> Path:
     return target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
-
-
-def _check_folder(target: Path) -> None:
-    if os.path.islink(target) or (target.exists() and not target.is_dir()):
-        raise bad_input(target, "is there and is no folder", "a free name, or a folder")
 
 
 def _check_file(target: Path) -> None:
