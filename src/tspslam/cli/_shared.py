@@ -120,5 +120,6 @@ def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:
         "",
         f"look:     tspslam view {name}",
         *([f"measure:  tspslam eval {name} --truth POSES"] if is_unmeasured else []),
-        f"hand on:  tspslam export {name} --to ply",
+        f"hand on:  tspslam report {name}",
+        f"          tspslam export {name} --to glb",
     ]

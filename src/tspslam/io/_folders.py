@@ -109,8 +109,8 @@ def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iter
         yield temporary
     except OSError as error:
         raise bad_output(path, error) from error
-    except OutputError as error:  # of a file in the folder: say it by the name that it would have had
-        raise OutputError(str(error).replace(str(temporary), str(path))) from error
+    except (InputError, OutputError) as error:  # of a file in the folder: say it by the name that it would have had
+        raise type(error)(str(error).replace(str(temporary), str(path))) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

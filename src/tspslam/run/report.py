@@ -226,7 +226,7 @@ class _Found:
 
     def timings(self) -> dict[str, Any] | None:
         """``timings.json``, which is written last."""
-        times = self.tried(self.folder.read_timings)
+        times = self.tried(self.folder.read_timings) if self.has_record else None  # else it is not written yet
         return times if times is not None and "frames" in times else None
 
     def pictures(self) -> list[Path]:

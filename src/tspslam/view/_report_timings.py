@@ -40,7 +40,8 @@ def timings_section(timings: str | Mapping[str, Any] | None) -> str:
         source, alt = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", words_of(timings)
     return (
         '<section aria-labelledby="timings"><h2 id="timings">Where the time went</h2>'
-        f'<figure class="timings"><img src="{text(source)}" alt="{text(alt)}"><figcaption>'
+        f'<figure class="timings"><img src="{text(source)}" alt="{text(alt)}" onerror="this.replaceWith(this.alt)">'
+        "<figcaption>"
         "Stages work side by side, so that their seconds add up to more than the run took.</figcaption></figure>"
         "</section>"
     )

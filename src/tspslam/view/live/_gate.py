@@ -105,6 +105,22 @@ class Gate:
         return self.token is not None and hmac.compare_digest(token.encode(), self.token.encode())
 
 
+def address_of(gate: Gate, host: str) -> str:
+    """What to open."""
+    named = socket.gethostname() if host in ("0.0.0.0", "::", "") else f"[{host}]" if ":" in host else host
+    return f"http://{named}:{gate.port}" + (f"/?token={gate.token}" if gate.token else "")
+
+
+def remarks_of(gate: Gate, host: str, asked: int) -> list[str]:
+    """What to say before the address."""
+    lines = [f"port {asked} is in use: {gate.port} serves"] if asked not in (0, gate.port) else []
+    if gate.token:
+        lines.append(
+            f"warning: other machines can reach {host}; they need the token of the address, which goes unencrypted"
+        )
+    return lines
+
+
 def _read_head(guest: socket.socket) -> tuple[bytes, bytes]:
     """The head of a request, with its empty line, and what came after it."""
     data = b""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from ...frame import Frame
 from ...types import FloatArray, Rig
 from ._drawn import Drawn, draw_frame, draw_map
 from ._element import Element, element_at, element_of
-from ._gate import Gate, is_loopback
+from ._gate import Gate, address_of, is_loopback, remarks_of
 from ._images import OVERLAYS, THUMBNAIL, Pixels, overlaid, patch, pixels_of, sheet, shrunk
 from ._panel import ABOVE, BEGINNING, FRAME, MAP, Panel, put
 from ._server import free_port, start_server
@@ -85,7 +84,7 @@ class Viewer:
         self._server = start_server("127.0.0.1", 0)
         self._gate = Gate(host, outer, self._server.get_port(), is_open=not is_loopback(host))
         self.port: int = self._gate.port
-        self.address, self.remarks = _address(host, self.port, self._gate), _remarks(host, port, self.port, self._gate)
+        self.address, self.remarks = address_of(self._gate, host), remarks_of(self._gate, host, port)
         self._frames, self._complain, self._wanted = frames, complain, frame
         self._changed, self._todo = threading.Condition(), dict[str, Callable[[], None]]()
         self._world = World("", "nothing yet", is_live=True)
@@ -166,6 +165,7 @@ class Viewer:
         if world.map_ is not None and before.map_ is None:
             self._stage.remove_clouds()
             self._show_clouds(False)
+            self._drop_pictures(set(self._pictures))  # poses are others now
         self._panel.show_status(world, list(self._faults.values()))
 
     def show_shot(self, shot: Shot) -> None:
@@ -187,8 +187,6 @@ class Viewer:
         """Stop serving."""
         self._gate.close()
         self._server.stop()
-
-    # What stands in the scene.
 
     def _frame(self, number: int) -> Frame | None:
         """Read a frame; one that cannot be read is named, once."""
@@ -311,13 +309,16 @@ class Viewer:
     def _due_pictures(self) -> bool:
         return any(each.number not in self._pictures for each in self._chosen_keyframes())
 
-    def _add_picture(self) -> None:
-        """One more keyframe's image in its place; those that are chosen no more go."""
-        chosen = self._chosen_keyframes()
-        for number in self._pictures.keys() - {each.number for each in chosen}:
+    def _drop_pictures(self, numbers: Set[int]) -> None:
+        for number in numbers:
             node = self._pictures.pop(number)
             if node is not None:
                 node.remove()
+
+    def _add_picture(self) -> None:
+        """One more keyframe's image in its place; those that are chosen no more go."""
+        chosen = self._chosen_keyframes()
+        self._drop_pictures(self._pictures.keys() - {each.number for each in chosen})
         for each in chosen:
             if each.number not in self._pictures:
                 frame = self._frame(each.number)
@@ -432,18 +433,3 @@ class Viewer:
 def _placed(frame: Frame, T: FloatArray) -> FloatArray:
     xyz = frame.cloud.xyz[np.isfinite(frame.cloud.xyz).all(axis=1)]
     return np.asarray(xyz @ T[:3, :3].T + T[:3, 3])
-
-
-def _address(host: str, port: int, gate: Gate) -> str:
-    named = socket.gethostname() if host in ("0.0.0.0", "::", "") else f"[{host}]" if ":" in host else host
-    return f"http://{named}:{port}" + (f"/?token={gate.token}" if gate.token else "")
-
-
-def _remarks(host: str, asked: int, port: int, gate: Gate) -> list[str]:
-    """What to say before the address."""
-    lines = [f"port {asked} is in use: {port} serves"] if asked not in (0, port) else []
-    if gate.token:
-        lines.append(
-            f"warning: other machines can reach {host}; they need the token of the address, which goes unencrypted"
-        )
-    return lines
