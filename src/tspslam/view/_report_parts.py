@@ -56,7 +56,7 @@ class Shot(Brief):
         Time, s.
     state : str
         One of `STATES`.
-    counts : tuple of (name, value)
+    counts : tuple of pairs
         Numbers below it.
     jpeg : bytes
         The image.
