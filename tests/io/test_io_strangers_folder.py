@@ -82,7 +82,7 @@ def test_a_run_lists_only_what_a_run_makes(run):
 
 
 PLACES = [
-    "config.yaml", "manifest.jsonl", "timings.json", "timings.svg", "run.json", "report.html", "map.vtu", "map.ply", "state.npz",
+    "config.yaml", "manifest.jsonl", "timings.json", "run.json", "report.html", "map.vtu", "map.ply", "state.npz",
     "trajectory.tum", "trajectory.kitti.txt", ".lock", "frames", "pictures", "frames/000000.npz", "frames/000007.json",
     "pictures/phase.png",
 ]  # fmt: skip

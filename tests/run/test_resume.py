@@ -64,9 +64,7 @@ def whole(folder, tmp_path_factory):
 
 
 def content(folder):
-    names = (
-        p for p in folder.rglob("*") if p.is_file() and p.name not in ("timings.json", "timings.svg", "manifest.jsonl")
-    )
+    names = (p for p in folder.rglob("*") if p.is_file() and p.name not in ("timings.json", "manifest.jsonl"))
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in names}
 
 

@@ -432,3 +432,10 @@ def test_only_on_a_terminal_a_finished_run_stays_until_an_interrupt(has_terminal
         assert process.stdout.read() == "end\n"
         assert process.wait(LONG) == 0
         os.close(ours)
+
+
+@needs_viser
+def test_without_a_terminal_nobody_is_waited_for(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "stdin", None)  # as where it is closed
+    with viewing(tmp_path / "run", port=0) as on_frame:
+        on_frame.stay()

@@ -184,8 +184,8 @@ def test_the_picture_shows_seconds_of_each_stage_and_of_each_frame():
     assert "2 frames processed, 5.0 s in all" in svg
 
 
-def test_times_are_a_picture_beside_the_page_or_within_it():
-    assert 'src="timings.svg"' in timings_section("timings.svg")
+def test_times_are_a_picture_or_words_on_where_they_are():
+    assert '<p class="quiet">beside &lt;it&gt;</p>' in timings_section("beside <it>")
     within = timings_section({"frames": {"a": {"follow": 1.0}}})
     assert 'src="data:image/svg+xml;base64,' in within
     assert "tracking 1.00 s" in within

@@ -54,13 +54,9 @@ def check_folder(out: Path, *inputs: Path | None) -> None:
 
 def announce_compilation(*, is_sequence: bool = False) -> None:
     """Say that kernels are being compiled, if they are; a sequence has some for its path and its map."""
-    from .._jit import is_cached
-    from ..mapping._carving import carve
-    from ..topology._harmonics import filter_one_ring
-    from ..vision.slam._patch_tracking import track_level
+    from ..run._compiling import are_compiled
 
-    wanted = [filter_one_ring, track_level, carve] if is_sequence else [filter_one_ring]
-    if not all(is_cached(each) for each in wanted):
+    if not are_compiled(is_sequence=is_sequence):
         note("compiling kernels (once on this machine, up to a minute) ...")
 
 

@@ -13,9 +13,8 @@ from .._files import bad_input, is_link
 from .lock import LOCK_NAME
 
 CONFIG, MANIFEST, TIMINGS = "config.yaml", "manifest.jsonl", "timings.json"
-TIMES_PICTURE = "timings.svg"
 PARTS = "frames", "pictures"
-_BOOKS = frozenset({CONFIG, MANIFEST, TIMINGS, TIMES_PICTURE, LOCK_NAME})
+_BOOKS = frozenset({CONFIG, MANIFEST, TIMINGS, LOCK_NAME})
 MAP, LANDMARKS = "map.npz", "landmarks.npz"
 _RESULTS = frozenset(
     {"run.json", "report.html", MAP, LANDMARKS, "map.vtu", "map.ply", "trajectory.tum", "trajectory.kitti.txt"}

@@ -17,7 +17,7 @@ from .._atomic import bad_output, make_folder, write_bytes
 from .._files import PathLike, bad_input, one_line, read_bytes, reason_of
 from ..errors import InputError, OutputError
 from . import _config
-from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMES_PICTURE, TIMINGS, check_places, is_result, is_word
+from ._places import CONFIG, LANDMARKS, MANIFEST, MAP, PARTS, TIMINGS, check_places, is_result, is_word
 from ._record import checked_rows, read_object
 from ._settling import is_ours, read_config, refuse_foreign, refuse_other_format, settle_config, sweep, unmake
 from .lock import FolderLock
@@ -182,11 +182,6 @@ class RunFolder:
     def report_path(self) -> Path:
         """Where the report goes."""
         return self.path / "report.html"
-
-    @property
-    def timings_picture_path(self) -> Path:
-        """Where the picture of ``timings.json`` goes, which varies as that does and is not in the manifest."""
-        return self.path / TIMES_PICTURE
 
     @property
     def map_npz_path(self) -> Path:
@@ -357,7 +352,7 @@ class RunFolder:
         return self._write_json("run.json", values)
 
     def write_timings(self, values: Mapping[str, Any]) -> None:
-        """Write ``timings.json``, beside its picture the only place for what varies from run to run.
+        """Write ``timings.json``, the only place for what varies from run to run.
 
         Parameters: as `write_run`.
         """

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._atomic import write_bytes
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from .._stopwatch import Stopwatch
@@ -16,6 +15,7 @@ from ..datasets import open_sequence
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
+from ..io._places import TIMINGS
 from ..io.maps import write_maps
 from ..session import Session, Settings
 from ..topological_map import TopologicalMap
@@ -174,12 +174,8 @@ def run_path(
 
 def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:
     """Write the times of what was done; where all was there already, those of the call that did it stay."""
-    from ..view._report_timings import timings_svg
-
-    folder = sequence.folder
-    if sequence.seconds or not folder.timings_picture_path.exists():
-        folder.write_timings(times | {"machine": machine()})
-        write_bytes(folder.timings_picture_path, timings_svg(times).encode("utf-8"))
+    if sequence.seconds or not (sequence.folder.path / TIMINGS).exists():
+        sequence.folder.write_timings(times | {"machine": machine()})
 
 
 def _require_source(source: object) -> None:

@@ -228,7 +228,7 @@ class Viewing:
 
     def stay(self) -> None:
         """Go on serving what the run has left until ctrl-C, where somebody is there to press it: on a terminal."""
-        if sys.stderr is None or not sys.stderr.isatty() or not sys.stdin.isatty():
+        if not all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)):
             return
         with until_interrupted():
             self._process.wait()

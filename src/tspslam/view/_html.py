@@ -22,9 +22,8 @@ from ._page import STYLE
 CITATION = (
     "Method: Topological Signal Processing from Stereo Visual SLAM, Sensors 2025, 25, 6103, doi:10.3390/s25196103."
 )
-# Pictures: those within the page, and what lies beside it in a run folder.
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src 'self' file: data:; "
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'"
 )
 # Control characters, marks that turn the direction of writing, and halves of characters: shown, never obeyed.

@@ -123,7 +123,7 @@ class WholeRun(Brief):
     stored : int
         How many frames `shots` were chosen from.
     timings : str or dict, optional
-        What ``timings.json`` holds; or the name of a picture of it that lies beside the page.
+        What ``timings.json`` holds; or words on where that can be seen.
     missing : sequence of str
         What could not be read, a line each.
     """

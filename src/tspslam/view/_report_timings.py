@@ -26,25 +26,22 @@ STAGES = {
 WIDTH, LABEL, ROW, PLOT = 640, 250, 30, 130  # px: of the picture, for a stage's words, of a row, height of the curve
 MOST_BARS = 150
 _INK, _QUIET, _BLUE, _PAPER = "#1b2430", "#5a6570", "#0072b2", "#ffffff"
-_BESIDE = "Seconds of each stage, and of each frame along the run: a picture beside this page in the run folder, {}."
 
 
 def timings_section(timings: str | Mapping[str, Any] | None) -> str:
-    """Make the section of the times: as a picture beside the page, or within it; nothing where nothing is known."""
+    """Make the section of the times: a picture, or words on where it is; nothing where nothing is known."""
     if timings is None:
         return ""
     if isinstance(timings, str):
-        source, alt = timings, _BESIDE.format(timings)  # all that is left of it where the page was moved alone
+        shown = f'<p class="quiet">{text(timings)}</p>'
     else:
-        svg = timings_svg(timings).encode("utf-8")
-        source, alt = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", words_of(timings)
-    return (
-        '<section aria-labelledby="timings"><h2 id="timings">Where the time went</h2>'
-        f'<figure class="timings"><img src="{text(source)}" alt="{text(alt)}" onerror="this.replaceWith(this.alt)">'
-        "<figcaption>"
-        "Stages work side by side, so that their seconds add up to more than the run took.</figcaption></figure>"
-        "</section>"
-    )
+        svg = base64.b64encode(timings_svg(timings).encode("utf-8")).decode()
+        shown = (
+            f'<figure class="timings"><img src="data:image/svg+xml;base64,{svg}" alt="{text(words_of(timings))}">'
+            "<figcaption>Stages work side by side, so that their seconds add up to more than the run took.</figcaption>"
+            "</figure>"
+        )
+    return f'<section aria-labelledby="timings"><h2 id="timings">Where the time went</h2>{shown}</section>'
 
 
 def words_of(timings: Mapping[str, Any]) -> str:
