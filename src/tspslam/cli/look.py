@@ -1,4 +1,4 @@
-"""Looking at a run: ``tspslam report``."""
+"""Looking at a run: ``tspslam report`` and ``view``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import typer
 
 from ..printing import note, say
 from ._shared import DEGRADED, ForceOption, JsonOption, app, check_suffix
+
+HostOption = Annotated[str, typer.Option(help="Address to listen at; another than this machine's needs a token.")]
+PortOption = Annotated[int, typer.Option(min=0, max=65535, help="First port to try; 0 is any.")]
 
 
 @app.command("report")
@@ -30,3 +33,20 @@ def report_command(
     say(json.dumps({"written": str(page.path), "missing": page.missing}) if as_json else f"wrote {page.path}")
     if page.missing:
         raise typer.Exit(DEGRADED)
+
+
+@app.command("view")
+def view_command(
+    run: Annotated[Path, typer.Argument(help="A run folder, finished or being written.")],
+    frame: Annotated[int | None, typer.Option(min=0, help="Index of a keyframe [default: the map].")] = None,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
+    beside_run: Annotated[bool, typer.Option("--beside-run", hidden=True, help="Frames come on stdin.")] = False,
+) -> None:
+    """Show a run in the browser, and follow it while it is being written, until ctrl-C."""
+    from ..run.viewing import serve, shots_from_stdin, until_interrupted
+
+    with until_interrupted():
+        shots = shots_from_stdin() if beside_run else None
+        say = (lambda line: note("", line)) if beside_run else note  # a run's line of progress may not have ended
+        serve(run, host=host, port=port, frame=frame, say=say, shots=shots)
