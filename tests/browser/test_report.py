@@ -214,3 +214,18 @@ def test_a_page_of_a_mesh_is_sound_too(made, tmp_path, open_page, sequence):
     assert heard.errors == []
     assert findings(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_the_slider_and_the_gallery_follow_each_other(handed_on, open_page):
+    page, heard = open_page(handed_on)
+    said, slider = page.locator(".gallery .said"), page.locator(".space input[type=range]")
+    last = slider.get_attribute("max")
+    slider.fill(last)
+    page.wait_for_function("() => !document.querySelector('.gallery .said').textContent.startsWith('1 of')")
+    thumb = page.locator(".space .thumb")
+    assert thumb.get_attribute("src") == page.locator(".gallery .large").get_attribute("src")
+    page.locator(".gallery .previews button").first.click()
+    assert said.inner_text().startswith("1 of")
+    assert slider.input_value() == "0"
+    assert thumb.get_attribute("src") == page.locator(".gallery .large").get_attribute("src")
+    assert heard.errors == []
