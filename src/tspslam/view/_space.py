@@ -166,11 +166,12 @@ def space_of_frame(frame: Frame) -> Space | None:
     )  # fmt: skip
 
 
-def in_reach(xyz: FloatArray) -> BoolArray:
-    """Mark the vertices, (N,), that are not far off the rest: nearly all, and a quarter of their range more."""
-    if not len(xyz):
-        return np.zeros(0, np.bool_)
-    low, high = np.percentile(xyz, KEPT_PERCENT, axis=0)
+def in_reach(xyz: FloatArray, known: BoolArray | None = None) -> BoolArray:
+    """Mark places, (N,), that are not far off the known ones: nearly all of these, and a quarter of their range more."""
+    known = np.ones(len(xyz), np.bool_) if known is None else known
+    if not known.any():
+        return known
+    low, high = np.percentile(xyz[known], KEPT_PERCENT, axis=0)
     margin = CLIP_MARGIN * (high - low) + 1e-9
     return np.asarray(((xyz >= low - margin) & (xyz <= high + margin)).all(axis=1))
 

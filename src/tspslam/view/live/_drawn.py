@@ -12,9 +12,9 @@ from ..._brief import Brief
 from ...frame import Frame
 from ...topological_map import TopologicalMap
 from ...types import BoolArray, FloatArray
-from .._frame import CLIP_MARGIN
 from .._layers import Layer, colours_of, layers_of_frame, layers_of_map
-from .._viewpoints import KEPT_PERCENT, is_overhead
+from .._space import in_reach
+from .._viewpoints import is_overhead
 
 TILE = 20_000  # faces that are sent at a time: half a megabyte a frame at 60 frames a second would be too much
 CEILING_SHARE = 0.05  # of the faces look down: else it is no room, and all is shown at once
@@ -169,15 +169,6 @@ def _drawn(
     is_finite: BoolArray = np.asarray(np.isfinite(xyz).all(axis=1), np.bool_)
     places = np.where(is_finite[:, None], xyz, 0.0)
     return Drawn(source, places, edges, faces, layers, is_finite & in_reach(places, is_finite), is_ceiling)
-
-
-def in_reach(xyz: FloatArray, known: BoolArray) -> BoolArray:
-    """Mark places, (N,), that are not far off the rest: nearly all, and a quarter of their range more."""
-    if not known.any():
-        return known
-    low, high = np.percentile(xyz[known], KEPT_PERCENT, axis=0)
-    margin = CLIP_MARGIN * (high - low) + 1e-9
-    return np.asarray(((xyz >= low - margin) & (xyz <= high + margin)).all(axis=1))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
