@@ -167,7 +167,7 @@ def space_of_frame(frame: Frame) -> Space | None:
 
 
 def in_reach(xyz: FloatArray, known: BoolArray | None = None) -> BoolArray:
-    """Mark places, (N,), not far off the known ones: in the range of nearly all of these, or a quarter of it farther."""
+    """Mark places, (N,), that are in the range of nearly all known ones, or a quarter of it farther."""
     known = np.ones(len(xyz), np.bool_) if known is None else known
     if not known.any():
         return known
