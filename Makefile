@@ -19,7 +19,8 @@ test: $(READY_DEV)  ## every check and every test
 	$(ONE_THREAD) $(BIN)/python $(TESTS)
 
 browser:  ## install Chromium where the system's own packages have it, for the tests that need a browser
-	command -v chromium chromium-browser google-chrome || { apt-get update -qq && apt-get install -y -qq chromium; }
+	for name in chromium chromium-browser google-chrome; do command -v $$name && exit 0; done; \
+	apt-get update -qq && apt-get install -y -qq chromium
 
 test-browser: browser $(READY_DEV)  ## the report and the viewer in a real browser; `make test` skips these where there is none
 	$(ONE_THREAD) $(BIN)/python -m pytest -q tests/browser
