@@ -242,8 +242,8 @@ def test_the_table_is_plain_narrow_and_names_commands_that_run(capsys, sequence,
     assert len(files) == 3
     assert all(os.path.exists(each) for each in files)
     commands = [shlex.split(line.partition("tspslam ")[2]) for line in lines if "tspslam " in line]
-    assert [words[:2] for words in commands] == [[name, "a run"] for name in ("view", "eval", "export")]
-    assert cli.exit_code(commands[2]) == 0
+    assert [words[:2] for words in commands] == [[name, "a run"] for name in ("view", "eval", "report", "export")]
+    assert [cli.exit_code(words) for words in commands[2:]] == [0, 0]
     capsys.readouterr()
     again = type_in(capsys, "run", "drive", "--out", "a run")[1].splitlines()
     (time,) = [line for line in again if line not in lines]

@@ -82,10 +82,14 @@ def note(*lines: str) -> None:
     """
     if sys.stderr is None:
         return
-    with _LOCK, contextlib.suppress(OSError):
+    with _LOCK:
         shown = _line
         renew("")
-        _write(sys.stderr, tuple(map(_remark, lines)) if _is_json else lines)
+        try:
+            _write(sys.stderr, tuple(map(_remark, lines)) if _is_json else lines)
+        except OSError:  # full, or closed: what is in its buffer would be an error at the end of the process
+            with contextlib.suppress(OSError):
+                _let_go(sys.stderr)
         renew(shown)
 
 

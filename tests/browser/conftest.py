@@ -31,6 +31,12 @@ class Heard:
     errors: list = field(default_factory=list)
     requests: list = field(default_factory=list)
 
+    def note(self, line):
+        """Take an error; none is a picture that viser's page lets go while it moves its panel."""
+        is_let_go = "ERR_FILE_NOT_FOUND" in line.text and line.location.get("url", "").startswith("blob:")
+        if line.type == "error" and not is_let_go:
+            self.errors.append(line.text)
+
     @property
     def foreign(self):
         """Requests that would have left this machine."""
@@ -59,7 +65,7 @@ def open_page(browser):
         context = browser.new_context(viewport={"width": width, "height": height}, **options)
         contexts.append(context)
         page, heard = context.new_page(), Heard()
-        page.on("console", lambda line: heard.errors.append(line.text) if line.type == "error" else None)
+        page.on("console", heard.note)
         page.on("pageerror", lambda error: heard.errors.append(str(error)))
         page.on("request", lambda request: heard.requests.append(request.url))
         page.on("websocket", lambda socket: heard.requests.append(socket.url))

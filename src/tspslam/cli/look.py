@@ -48,5 +48,4 @@ def view_command(
 
     with until_interrupted():
         shots = shots_from_stdin() if beside_run else None
-        say = (lambda line: note("", line)) if beside_run else note  # a run's line of progress may not have ended
-        serve(run, host=host, port=port, frame=frame, say=say, shots=shots)
+        serve(run, host=host, port=port, frame=frame, say=note, shots=shots)

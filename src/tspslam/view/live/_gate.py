@@ -48,6 +48,7 @@ class Gate:
     def __init__(self, host: str, port: int, inner: int, *, is_open: bool) -> None:
         self.token = secrets.token_urlsafe(24) if is_open else None
         self._host = host
+        self._live: set[socket.socket] = set()  # connections that go through
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         gate = self
 
@@ -74,10 +75,13 @@ class Gate:
         self._thread.start()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Listen no more, and end what goes through: viser would wait for it."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
+        for each in list(self._live):
+            with contextlib.suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
 
     def _answer(self, guest: socket.socket, inner: int) -> None:
         guest.settimeout(_PATIENCE)
@@ -89,8 +93,13 @@ class Gate:
         elif found and _is_same_site(head) and self._is_known(head):
             guest.settimeout(None)
             with socket.create_connection(("127.0.0.1", inner)) as server:
-                server.sendall(head + rest)
-                _pump_both(guest, server)
+                ends = {guest, server}
+                self._live |= ends
+                try:
+                    server.sendall(head + rest)
+                    _pump_both(guest, server)
+                finally:
+                    self._live -= ends
         else:
             _reply(guest, "403 Forbidden", "This viewer needs the whole address that tspslam printed.\n")
 

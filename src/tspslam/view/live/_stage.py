@@ -40,7 +40,7 @@ class Stage:
     def __init__(self, server: Any) -> None:
         self._server, self._scene = server, server.scene
         self._scene.set_up_direction("-y")
-        self._scene.set_background_image(np.full((1, 1, 3), TINT, np.uint8))
+        self._scene.set_background_image(np.full((1, 1, 3), TINT, np.uint8), format="png")
         self._tops = {name: self._scene.add_frame(f"/{name}", show_axes=False) for name in SWITCHES}
         self._tiles: list[Any] = []
         self._nodes: dict[str, Any] = {}
