@@ -51,7 +51,7 @@ def test_every_command_prints_names_escaped(capsys, pair_files):
     assert (code, is_text(printed + remarks), printed.count("\n")) == (0, True, 15)
     write_tum(folder / "t.tum", np.arange(20) / 10, standard.poses(20))
     for words, count in (
-        (["filter", out / "map.ply", "--image", folder / "left.png", "--calib", folder / "calib.yaml", "--out", folder / "f"], 10),
+        (["filter", out / "map.ply", "--image", folder / "left.png", "--calib", folder / "calib.yaml", "--out", folder / "f"], 11),
         (["export", out, "--output", folder / "a.vtu"], 1),
         (["calib", "convert", folder / "calib.yaml", folder / "b.yaml"], 1),
         (["calib", "show", folder / "calib.yaml"], 10),
