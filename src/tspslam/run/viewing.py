@@ -34,7 +34,7 @@ _LARGEST = 1 << 24  # bytes of either: more is no message of ours
 _SECONDS = 0.1  # between two frames that are handed on
 _WAITING = 4  # frames that may wait to be sent; of more the oldest go
 _GRACE = 3.0  # s that a viewer has to end
-_NICE = 10  # steps that the viewer stands behind the run where both want a processor
+_NICE = 19  # steps that the viewer stands behind the run where both want a processor
 _WIDTH = 480  # px of an image that is handed on
 
 OnFrame = Callable[[Frame], object]
