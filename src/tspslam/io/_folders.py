@@ -59,6 +59,8 @@ def new_folder(path: PathLike, *, may_go: Callable[[Path], None] | None = None) 
     with _beside(path, target, check) as temporary:
         yield temporary
         _sync_files(temporary)
+        if target.exists():  # before the folder has its name: nothing that may fail comes after
+            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
         with _out_of_the_way(target, check):
             temporary.rename(target)
         _sync_folder(target.parent)
@@ -129,7 +131,6 @@ def _out_of_the_way(target: Path, check: Callable[[Path], None]) -> Iterator[Non
         except InputError as error:
             raise InputError(str(error).replace(str(aside), str(target))) from error
         yield
-        target.chmod(stat.S_IMODE(aside.stat().st_mode))
     except BaseException:
         aside.rename(target)
         raise

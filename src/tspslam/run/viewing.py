@@ -25,10 +25,10 @@ from .._files import PathLike, one_line
 from ..errors import InputError
 from ..frame import Frame
 from ..types import Rig
+from ..view.live._server import MISSING
 from .watch import RunWatch
 
 HOST, PORT = "127.0.0.1", 8080
-_MISSING = "the viewer needs viser, which is not installed: pip install 'tspslam[viewer]'"
 _HEAD = struct.Struct("<II")  # bytes of the words and of the image of a message
 _LARGEST = 1 << 24  # bytes of either: more is no message of ours
 _SECONDS = 0.1  # between two frames that are handed on
@@ -49,7 +49,7 @@ def require_viser() -> None:
         Which says how to install it.
     """
     if importlib.util.find_spec("viser") is None:
-        raise InputError(_MISSING)
+        raise InputError(MISSING)
 
 
 def serve(

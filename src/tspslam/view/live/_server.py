@@ -9,7 +9,7 @@ from typing import Any
 from ..._files import one_line
 from ...errors import InputError, OutputError
 
-MISSING = "the viewer needs viser: pip install 'tspslam[viewer]'"
+MISSING = "the viewer needs viser, which is not installed: pip install 'tspslam[viewer]'"
 TRIED = 100  # ports after the one that was asked for
 
 
