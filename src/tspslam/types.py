@@ -6,14 +6,16 @@ centre of the top-left pixel at ``(0, 0)``; ``disparity = u_left - u_right``; lu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from numbers import Integral, Real
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._brief import Brief
+from ._cameras import LENSES as LENSES
+from ._cameras import Camera as Camera
+from ._cameras import RawRig as RawRig
+from ._cameras import Rig as Rig
 from ._channels import one_channel as one_channel
 from ._channels import phase_of as phase_of
 from ._checks import real_array as real_array
@@ -30,164 +32,6 @@ REC601 = np.array([0.299, 0.587, 0.114])
 
 UNIT_OF = {np.dtype(np.uint8): 1 / 255, np.dtype(np.uint16): 1 / 65535}
 """What makes pixels of an integer type luminance in [0, 1]."""
-
-
-@dataclass(frozen=True)
-class Rig:
-    """A rectified stereo pair of cameras: both share ``fx, fy, cy, skew`` and see a point on the same row.
-
-    Or a single camera, without a baseline: a mesh can be seen by it, but no disparity turned into depth.
-
-    Attributes
-    ----------
-    fx, fy : float
-        Focal lengths, px, positive.
-    cx, cy : float
-        Principal point of the left camera, px.
-    baseline : float
-        Distance between the cameras, m, positive; 0, the default, is a single camera.
-    width, height : int
-        Image size, px, positive: give them, by name where there is no baseline.
-    skew : float
-        Skew of eq. (2), px.
-    doffs : float
-        ``cx_right - cx_left``, px; depth is ``fx * baseline / (disparity + doffs)``.
-
-    Raises
-    ------
-    InputError
-        If a value is no number in its range: focal lengths 1e-3 to 1e7 px, baseline 0 or 1e-6 to 1e6 m, sizes whole
-        and 1 to 1e6 px, the others within 1e7 px of 0.
-
-    Examples
-    --------
-    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
-    >>> rig.baseline, Rig(fx=500, fy=500, cx=320, cy=240, width=640, height=480).baseline
-    (0.1, 0.0)
-    """
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    baseline: float = 0.0
-    width: int = 0
-    height: int = 0
-    skew: float = 0.0
-    doffs: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_numbers(self, "rig")
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera with Brown's distortion, as it is before rectification.
-
-    Attributes
-    ----------
-    fx, fy : float
-        Focal lengths, px, positive.
-    cx, cy : float
-        Principal point, px.
-    width, height : int
-        Image size, px.
-    distortion : tuple of 5 floats
-        ``k1, k2, p1, p2, k3`` of OpenCV's model.
-    skew : float
-        px.
-
-    Raises
-    ------
-    InputError
-        If a value is no number in its range (as `Rig`; coefficients within 1e4 of 0).
-
-    Examples
-    --------
-    >>> Camera(fx=500, fy=500, cx=320, cy=240, width=640, height=480).distortion
-    (0.0, 0.0, 0.0, 0.0, 0.0)
-    """
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: int
-    height: int
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    skew: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_numbers(self, "camera")
-        if len(self.distortion) != 5:
-            raise InputError(f"camera: distortion has {len(self.distortion)} numbers, expected k1, k2, p1, p2, k3")
-        for name, value in zip(("k1", "k2", "p1", "p2", "k3"), self.distortion, strict=True):
-            _check_number("camera", name, value, -1e4, 1e4)
-
-
-@dataclass(frozen=True)
-class RawRig:
-    """Two cameras as they were calibrated: distorted, not rectified.
-
-    Attributes
-    ----------
-    left, right : Camera
-        The cameras.
-    T_right_left : 4 x 4 tuple of floats
-        Maps a point of the left camera's frame to the right camera's, m; for a camera on the right, ``x`` of its
-        translation is negative.
-
-    Raises
-    ------
-    InputError
-        If the rotation is none (to 1e-3), or the cameras are at one place.
-    """
-
-    left: Camera
-    right: Camera
-    T_right_left: tuple[tuple[float, float, float, float], ...]
-
-    def __post_init__(self) -> None:
-        T = self.matrix
-        if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
-            raise InputError(f"raw rig: T_right_left is {T.tolist()}, expected 4 x 4 numbers with last row 0 0 0 1")
-        off = float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
-        if off > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
-            raise InputError(f"raw rig: T_right_left holds no rotation (R Rᵀ - I has {off:.2g}), expected one to 1e-3")
-        _check_number("raw rig", "distance of the cameras, m,", float(np.linalg.norm(T[:3, 3])), *_RANGES["baseline"])
-
-    @property
-    def matrix(self) -> FloatArray:
-        """``T_right_left`` as a (4, 4) float64 array."""
-        return np.array(self.T_right_left, np.float64)
-
-
-_RANGES: dict[str, tuple[float, float]] = {
-    "fx": (1e-3, 1e7),
-    "fy": (1e-3, 1e7),
-    "baseline": (1e-6, 1e6),
-    "width": (1, 1_000_000),
-    "height": (1, 1_000_000),
-}
-
-
-def _check_numbers(values: Rig | Camera, what: str) -> None:
-    for field in fields(values):
-        value = getattr(values, field.name)
-        if field.name != "distortion" and not _is_absent(field.name, value):
-            _check_number(what, field.name, value, *_RANGES.get(field.name, (-1e7, 1e7)))
-
-
-def _is_absent(name: str, value: Any) -> bool:
-    """Whether it is the baseline of a single camera."""
-    return name == "baseline" and isinstance(value, Real) and not isinstance(value, bool) and value == 0
-
-
-def _check_number(what: str, name: str, value: Any, low: float, high: float) -> None:
-    kind: Any
-    kind, said = (Integral, "a whole number") if isinstance(low, int) else (Real, "a number")
-    if isinstance(value, bool) or not (isinstance(value, kind) and low <= value <= high):
-        raise InputError(f"{what}: {name} is {repr(value)[:60]}, expected {said} from {low:.8g} to {high:.8g}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -214,6 +58,10 @@ class StereoPair(Brief):
         Of 16-bit pixels that were read from a file: how many of their bits it uses; they now fill the range.
     unknown : tuple of float
         Values in the file of disparities or depths that were taken for "not known", besides 0 in whole numbers.
+    sigma : (H, W) float array or None
+        Standard deviation of each disparity, px; None where the matcher's own is taken.
+    valid : (H, W) bool array or None
+        Pixels of the left image that a camera saw; None is all of them.
 
     Raises
     ------
@@ -230,6 +78,8 @@ class StereoPair(Brief):
     disparity: FloatArray | None = None
     bits: int | None = None
     unknown: tuple[float, ...] = ()
+    sigma: FloatArray | None = None
+    valid: BoolArray | None = None
 
     def __post_init__(self) -> None:
         for side in ("left", "right"):

@@ -17,7 +17,8 @@ from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
 from ._kinds import only_images
-from .folder import _natural, _Reader
+from ._reader import FileReader
+from .folder import _natural
 
 NANOSECONDS = 10**9
 _LARGEST_TEXT = 1 << 28  # bytes
@@ -46,18 +47,18 @@ class Frames:
 
     def __init__(self, paired: Paired, cameras: Rig | RawRig, bits: int | None = None) -> None:
         self.files, self.stamps = paired.files, paired.stamps
-        self._reader = _Reader(cameras, paired.files, bits)
+        self._reader = FileReader(cameras, paired.files, bits)
         self.rig: Rig = self._reader.rig
 
     @property
     def is_turned(self) -> bool:
         """Whether pairs are rectified as they are read."""
-        return self._reader._rectify is not None
+        return self._reader.rectify is not None
 
     @property
     def R_left(self) -> FloatArray:
         """Rotates a point of the left camera's frame, as it was calibrated, into its rectified frame, (3, 3)."""
-        made = self._reader._rectify
+        made = self._reader.rectify
         return np.eye(3) if made is None else made.R_left
 
     def read(self, index: int) -> StereoPair:

@@ -207,8 +207,8 @@ def _camera(source: Source, info: Info) -> Camera:
     lens = distortion(source, f"{info.topic}.D", *OPENCV_COUNTS) if info.field("D") else {}
     k1, k2, p1, p2, k3 = (lens[name][0] if name in lens else 0.0 for name in DISTORTION)
     pinhole = _plain(from_camera_matrix(source, f"{info.topic}.K"))
-    size = {"width": int(info.message.width), "height": int(info.message.height)}
-    return Camera(**pinhole, **size, distortion=(k1, k2, p1, p2, k3))
+    width, height = int(info.message.width), int(info.message.height)
+    return Camera(**pinhole, width=width, height=height, distortion=(k1, k2, p1, p2, k3))
 
 
 def image_of(message: Any, kind: str) -> Image:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,12 +14,10 @@ from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
-from ..types import FloatArray, Image, RawRig, Rig, StereoPair
+from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.calibration.formats import read_stereo
-from ..vision.calibration.rectify import Rectification, rectification
-from ..vision.rig import check_pair
 from ._kinds import no_image, only_images
-from ._levels import Levels
+from ._reader import FileReader
 
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
 
@@ -58,7 +56,7 @@ def read_pair(
         require_path(path, side)
     sizes = [_size_of(Path(path)) for path in (left, right)]
     cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, sizes[0])
-    return _Reader(cameras, [(Path(left), Path(right))], bits).read(0)
+    return FileReader(cameras, [(Path(left), Path(right))], bits).read(0)
 
 
 pair_from_files = read_pair
@@ -131,7 +129,7 @@ class StereoFolder:
                 "expected pairs of the same name"
             )
         cameras = read_stereo(calib or _calibration_in(self.path), self._size())
-        self._reader = _Reader(cameras, self._files, bits)
+        self._reader = FileReader(cameras, self._files, bits)
         self.rig = self._reader.rig
 
     @property
@@ -160,37 +158,6 @@ class StereoFolder:
             with contextlib.suppress(InputError):
                 return image_size(left)
         return None
-
-
-class _Reader:
-    """Pairs of one rig from files: 16-bit pixels fill their range, and raw pairs are rectified."""
-
-    def __init__(self, cameras: Rig | RawRig, files: Sequence[tuple[Path, Path]], bits: int | None = None) -> None:
-        self._files, self._levels = files, Levels(self._images, len(files), bits)
-        self._rectify: Rectification | None = None
-        if isinstance(cameras, RawRig):
-            self._rectify = rectification(cameras)
-            cameras = self._rectify.rig
-        self.rig: Rig = cameras
-
-    def _images(self, index: int) -> Iterator[Image]:
-        from ..io.images import read_image
-
-        return map(read_image, self._files[index])
-
-    def read(self, index: int) -> StereoPair:
-        stored = list(self._images(index))
-        name = one_line(self._files[index][0].stem)
-        try:
-            left, right = self._levels(stored)  # before rectification, which makes values between those that occur
-            if self._rectify:
-                left, right = self._rectify(left, right)
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from error
-        bits = self._levels.bits_of(left)
-        pair = StereoPair(left, right, self.rig, stamp=float(index), index=index, name=name, bits=bits)
-        check_pair(pair)
-        return pair
 
 
 def _calibration_in(folder: Path) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...types import RawRig, Rig
+from ...types import LENSES, RawRig, Rig
 from ..rig import doubts
 from .formats import Calibration, read_calibration
 from .formats.own import save_cameras
@@ -114,7 +114,7 @@ def _remarks(found: Calibration, rig: Rig) -> list[str]:
 def _raw_values(cameras: RawRig) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for side, camera in (("left", cameras.left), ("right", cameras.right)):
-        plain = {name: value for name, value in vars(camera).items() if name != "distortion"}
-        lens = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion, strict=True))
+        plain = {name: value for name, value in vars(camera).items() if name not in ("distortion", "lens")}
+        lens = dict(zip(LENSES[camera.lens], camera.distortion, strict=True))
         values |= {f"{side}.{name}": value for name, value in (plain | lens).items()}
     return values | {"T_right_left": [list(row) for row in cameras.T_right_left]}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ....errors import InputError
-from ....types import Camera, FloatArray, RawRig, Rig
+from ....types import LENSES, Camera, FloatArray, RawRig, Rig
 from ._source import Source
-from ._values import DISTORTION, Found
+from ._values import Found
 
 Remarks = tuple[str, ...]
 
@@ -68,9 +68,11 @@ def raw(
 
 
 def _camera(found: Found) -> Camera:
-    numbers: dict[str, Any] = {name: value for name, (value, _) in found.items() if name not in DISTORTION}
-    k1, k2, p1, p2, k3 = (found[name][0] if name in found else 0.0 for name in DISTORTION)
-    return Camera(**numbers, distortion=(k1, k2, p1, p2, k3))
+    """The camera of its values; `lens` among them names the model where it is not Brown's."""
+    values: dict[str, Any] = {name: value for name, (value, _) in found.items()}
+    lens = values.pop("lens", "brown")
+    coefficients = tuple(values.pop(name, 0.0) for name in LENSES[lens])
+    return Camera(**values, distortion=coefficients, lens=lens)
 
 
 def _check_sizes(source: Source, left: Found, right: Found) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ....types import FloatArray
 from ._source import Source, whole
 
-Found = dict[str, tuple[float, str]]
-"""For each name of a field: its value and the key of the file."""
+Found = dict[str, tuple[Any, str]]
+"""For each name of a field: its value and the key of the file. All are numbers but the lens, a name."""
 
 Size = tuple[int, int]
 """Width and height, px."""
