@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 GROUND = {
     "_atomic",
     "_brief",
+    "_cameras",
     "_channels",
     "_checks",
     "_files",
@@ -64,7 +65,8 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     "_npz": {"_files", "errors"},
     "_text": {"_files"},
     "_yaml": {"_files", "_text"},
-    "types": {"_brief", "_channels", "_checks", "errors"},
+    "types": {"_brief", "_cameras", "_channels", "_checks", "errors"},
+    "_cameras": {"errors"},
     "_brief": set(),
     "_channels": set(),
     "_checks": {"errors"},
