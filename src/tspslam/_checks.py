@@ -20,6 +20,7 @@ _WAYS = {
     "StereoPair": "tspslam.read_pair(left, right, calib) reads one from files",
     "Rig": "tspslam.load_rig(path) reads one from a file",
     "RawRig": "tspslam.read_calibration(path).cameras is one, where the file has two raw cameras",
+    "Camera": "tspslam.Camera(fx, fy, cx, cy, width, height) is one",
     "Cloud": "tspslam.reconstruct(pair) gives one",
     "Surface": "tspslam.delaunay_surface(cloud) gives one",
     "Complex": "tspslam.build_complex(faces) gives one",

@@ -14,6 +14,7 @@ from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import BoolArray, Camera, FloatArray, Image, RawRig, Rig
 from ..rig import LARGEST_AREA, check_image
+from ._lenses import bend
 
 _LARGEST_TURN = 45.0  # degrees between the two cameras
 _LARGEST_ZOOM = 5.0  # of the focal length
@@ -135,15 +136,15 @@ def camera_matrix(camera: Camera | Rig) -> FloatArray:
 
 
 def distort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels at which a raw camera sees rays (x, y, 1), by Brown's model.
+    """Pixels at which a raw camera sees rays (x, y, 1), by the lenses of Brown's family: also where they fold.
 
     ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)``, likewise y with p1 and p2 exchanged, then the
-    intrinsic matrix.
+    intrinsic matrix; `lenses.project` knows every lens, and what it doesn't see.
 
     Parameters
     ----------
     camera : Camera
-        The lens.
+        With a brown, rational or thin prism lens.
     x, y : float64 array of one shape (...,)
         Directions: x / z, y / z.
 
@@ -152,10 +153,7 @@ def distort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, F
     u, v : (...,) float64
         px.
     """
-    k1, k2, p1, p2, k3 = camera.distortion
-    rr = x * x + y * y
-    radial = 1 + rr * (k1 + rr * (k2 + rr * k3))
-    x, y = x * radial + 2 * p1 * x * y + p2 * (rr + 2 * x * x), y * radial + p1 * (rr + 2 * y * y) + 2 * p2 * x * y
+    x, y = bend(camera, x, y)
     return camera.fx * x + camera.skew * y + camera.cx, camera.fy * y + camera.cy
 
 
