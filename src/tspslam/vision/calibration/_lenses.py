@@ -229,7 +229,7 @@ def is_ahead(camera: Camera, x: FloatArray, y: FloatArray) -> BoolArray:
 def unbend(camera: Camera, x: FloatArray, y: FloatArray) -> Plane:
     """Points of the plane that `bend` brings to (x, y); NaN where none is."""
     radius = np.hypot(x, y)
-    flat = solve_rising(lambda r: _bend_radius(camera, r), radius, turning_radius(camera))
+    flat = solve_rising(lambda r: bend_radius(camera, r), radius, turning_radius(camera))
     scale = np.where(np.isfinite(flat), flat, radius) / np.where(radius > 0, radius, 1.0)
     wanted = np.column_stack([x, y])
     found = _solve_newton(camera, wanted, wanted * scale[:, None])
@@ -239,7 +239,7 @@ def unbend(camera: Camera, x: FloatArray, y: FloatArray) -> Plane:
     return found[:, 0], found[:, 1]
 
 
-def _bend_radius(camera: Camera, r: FloatArray) -> Plane:
+def bend_radius(camera: Camera, r: FloatArray) -> Plane:
     """Radius after the radial distortion alone, and its slope."""
     k1, k2, _, _, k3, k4, k5, k6, *_ = _coefficients(camera)
     rr = r * r

@@ -12,14 +12,15 @@ from ..._brief import Brief
 from ..._checks import require
 from ..._threads import both
 from ...errors import GeometryError, InputError
-from ...types import BoolArray, Camera, FloatArray, Image, RawRig, Rig
+from ...types import LENSES, BoolArray, Camera, FloatArray, Image, RawRig, Rig
 from ..rig import LARGEST_AREA, check_image
-from ._lenses import bend
+from ._lenses import PERSPECTIVE, bend, bend_radius, turning_radius
+from ._wide import turn_both, wide_maps, wide_rig
 
 _LARGEST_TURN = 45.0  # degrees between the two cameras
 _LARGEST_ZOOM = 5.0  # of the focal length
 _LARGEST_SIDE = 32_766  # px, of OpenCV's resampling
-_NEGLIGIBLE = 1e-9  # of a coefficient of distortion
+_LEAST_SEEN = 0.1  # of the rectified image by both cameras: less is no picture of a scene
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -71,17 +72,25 @@ class Rectification(Brief):
 
     @property
     def valid(self) -> BoolArray:
-        """Whether both cameras saw a pixel of the rectified frame, (H, W)."""
+        """Whether both cameras saw a pixel of the rectified frame, (H, W): its centre lies in a pixel of theirs."""
         sides = zip(self._maps, (self.raw.left, self.raw.right), strict=True)
-        inside = [(u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1) for (u, v), camera in sides]
+        inside = [
+            (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
+            for (u, v), camera in sides
+        ]
         return inside[0] & inside[1]
 
 
 def rectification(raw: RawRig) -> Rectification:
     """Rectify a raw pair: turn both cameras so that rows agree; only the border of what both see is cut.
 
-    The new focal length and principal point are those of OpenCV's ``stereoRectify`` with ``alpha = 0`` and equal
-    principal points (Bouguet's method); skew of the raw cameras is taken out as well.
+    Of lenses of Brown's family, the new focal length and principal point are those of OpenCV's ``stereoRectify`` with
+    ``alpha = 0`` and equal principal points (Bouguet's method); skew of the raw cameras is taken out as well.
+
+    Where ``raw.field_of_view`` is stated, or a lens is of another model, both cameras are turned in the same way, the
+    rectified images are as large as the raw ones (more pixels would show nothing new), the principal point is their
+    centre, and ``f = width / 2 / tan(field_of_view / 2)``. Where none is stated, it is the largest field of view that
+    both cameras fill, up to 110°; a stated one may leave parts that a camera did not see (`Rectification.valid`).
 
     Parameters
     ----------
@@ -97,6 +106,8 @@ def rectification(raw: RawRig) -> Rectification:
     InputError
         If the cameras differ in size, a distortion folds its image, or the calibration is not of a horizontal pair
         with the left camera on the left.
+    GeometryError
+        If both cameras see less than a tenth of the rectified image, or cannot fill one.
 
     Examples
     --------
@@ -109,6 +120,9 @@ def rectification(raw: RawRig) -> Rectification:
     """
     require(raw, RawRig, "rig")
     _check_geometry(raw)
+    lenses = (raw.left.lens, raw.right.lens)
+    if raw.field_of_view is not None or any(lens not in PERSPECTIVE for lens in lenses):
+        return _rectify_wide(raw)
     for side, camera in (("left", raw.left), ("right", raw.right)):
         _check_distortion(side, camera)
     R_left, R_right, P_left, P_right = _stereo_rectify(raw)
@@ -117,6 +131,22 @@ def rectification(raw: RawRig) -> Rectification:
     for side, camera, (u, v) in (("left", raw.left, maps[0]), ("right", raw.right, maps[1])):
         _check_fold(side, camera, u, v)
     return Rectification(raw, rig, R_left, R_right, maps)
+
+
+def _rectify_wide(raw: RawRig) -> Rectification:
+    """Rectify to a field of view."""
+    R_left, R_right = turn_both(raw.matrix)
+    rig = wide_rig(raw, R_left, R_right)
+    made = Rectification(
+        raw, rig, R_left, R_right, (wide_maps(raw.left, R_left, rig), wide_maps(raw.right, R_right, rig))
+    )
+    share = float(made.valid.mean())
+    if share < _LEAST_SEEN:
+        raise GeometryError(
+            f"raw rig: both cameras see {100 * share:.2g} % of the rectified image, expected at least "
+            f"{100 * _LEAST_SEEN:g} %: a smaller field of view, or coefficients of these lenses"
+        )
+    return made
 
 
 def camera_matrix(camera: Camera | Rig) -> FloatArray:
@@ -179,20 +209,18 @@ def _check_geometry(raw: RawRig) -> None:
 
 def _check_distortion(side: str, camera: Camera) -> None:
     """Refuse a radial distortion that turns back before the farthest corner: no ray would reach that corner."""
-    k1, k2, k3 = (k if abs(k) > _NEGLIGIBLE else 0.0 for k in (camera.distortion[at] for at in (0, 1, 4)))
     u = np.array([0, camera.width - 1, 0, camera.width - 1]) - camera.cx
     v = np.array([0, 0, camera.height - 1, camera.height - 1]) - camera.cy
     corner = float(np.hypot(u / camera.fx, v / camera.fy).max())
-    rr = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])  # of d/dr (r + k1 r³ + k2 r⁵ + k3 r⁷), in r²
-    turning = np.sqrt(rr[(np.abs(rr.imag) < 1e-9) & (rr.real > 0)].real)
-    if len(turning) == 0:
+    r = turning_radius(camera)
+    if not np.isfinite(r):
         return
-    r = float(turning.min())
-    farthest = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    farthest = float(bend_radius(camera, np.array(r))[0])
     if farthest < corner:
         raise InputError(
             f"raw rig: the distortion of the {side} camera {list(camera.distortion)} folds its image: it reaches "
-            f"{farthest:.3g} from the axis, the corners are at {corner:.3g}, expected k1, k2, p1, p2, k3 of this lens"
+            f"{farthest:.3g} from the axis, the corners are at {corner:.3g}, "
+            f"expected {', '.join(LENSES[camera.lens])} of this lens"
         )
 
 
@@ -241,7 +269,7 @@ def _check_fold(side: str, camera: Camera, u: NDArray[np.float32], v: NDArray[np
         row, column = folded[0]
         raise InputError(
             f"raw rig: the distortion of the {side} camera folds its image at ({column}, {row}) px of the rectified "
-            "frame, expected k1, k2, p1, p2, k3 of this lens"
+            f"frame, expected {', '.join(LENSES[camera.lens])} of this lens"
         )
 
 
