@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ._checks import require, told
 from .errors import InputError
-from .types import Cloud, FloatArray, Image, Response, Rig, Signals, Surface
+from .types import BoolArray, Cloud, FloatArray, Image, Response, Rig, Signals, Surface
 
 if TYPE_CHECKING:
     from .topology.complex import Complex
@@ -145,6 +145,8 @@ class Frame:
         The filter's answer at each vertex.
     image : (H, W) or (H, W, 3) array or None
         The left image; None where there is none, and for one read from a file that was written without one.
+    valid : (H, W) bool or None
+        Pixels of the image that the cameras saw; None is all of them.
     T_world_camera : (4, 4) float64
         Pose of the left camera, m, as it was tracked: what later frames tell of it is in the trajectory alone. The
         world is the first frame's camera; identity by default.
@@ -199,6 +201,7 @@ class Frame:
     quality: Part[StereoQuality | None] = Part(None)
     tracked: Tracked | None = None
     seconds: dict[str, float] = field(default_factory=dict)
+    valid: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Check what costs no computation."""

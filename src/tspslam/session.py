@@ -253,7 +253,7 @@ class Session:
 
 def _own(pair: StereoPair) -> StereoPair:
     """The pair with images of its own, where a camera may write the next ones into these."""
-    images = {name: getattr(pair, name) for name in ("left", "right", "disparity")}
+    images = {name: getattr(pair, name) for name in ("left", "right", "disparity", "sigma", "valid")}
     return replace(pair, **{n: image.copy() for n, image in images.items() if _may_change(image)})
 
 
@@ -295,11 +295,11 @@ def _build_frame(pair: StereoPair, tracked: Tracked, stages: Settings) -> Frame:
     cloud = Once(lambda: stereo().cloud)
     surface = once("surface", lambda: _checked(stages.surface(cloud()), Surface, "surface"))
     complex_ = once("complex", lambda: build_complex(surface().faces, len(cloud())))
-    signals = once("signals", lambda: sample_signals(pair.left, cloud().uv, complex_()))
+    signals = once("signals", lambda: sample_signals(pair.left, cloud().uv, complex_(), valid=pair.valid))
     response = once("response", lambda: _checked(stages.filter(complex_(), cloud().uv, signals()), Response, "filter"))
     return Frame(
         pair.index, pair.stamp, pair.name, pair.rig, cloud, surface, complex_, signals, response,
-        image=pair.left, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(cloud()),
+        image=pair.left, valid=pair.valid, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(cloud()),
         is_keyframe=tracked.is_keyframe, is_lost=tracked.is_lost, quality=lambda: stereo().quality, tracked=tracked,
         seconds=seconds,
     )  # fmt: skip

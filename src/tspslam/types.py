@@ -61,7 +61,7 @@ class StereoPair(Brief):
     sigma : (H, W) float array or None
         Standard deviation of each disparity, px; None where the matcher's own is taken.
     valid : (H, W) bool array or None
-        Pixels of the left image that a camera saw; None is all of them.
+        Pixels that both cameras saw; None is all of them. Neither image is used elsewhere.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from .._files import one_line
 from ..errors import InputError
-from ..types import FloatArray, Image, RawRig, Rig, StereoPair
+from ..types import BoolArray, FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.calibration.rectify import Rectification, rectification
 from ..vision.rig import check_pair
 from ._levels import Levels
@@ -73,6 +73,7 @@ class Reader:
         if isinstance(cameras, RawRig):
             self.rectify = rectification(cameras)
             cameras = self.rectify.rig
+        self._valid = None if self.rectify is None else _parts_seen(self.rectify)
         self.rig = cameras
 
     def read(self, index: int) -> StereoPair:
@@ -96,9 +97,15 @@ class Reader:
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
         bits = self._levels.bits_of(left)
-        pair = StereoPair(left, right, self.rig, stamp=float(index), index=index, name=name, bits=bits)
+        pair = StereoPair(left, right, self.rig, float(index), index, name, bits=bits, valid=self._valid)
         check_pair(pair)
         return pair
+
+
+def _parts_seen(made: Rectification) -> BoolArray | None:
+    """Pixels that both cameras saw; None is all of them."""
+    valid = made.valid
+    return None if valid.all() else valid
 
 
 class FileReader(Reader):

@@ -50,6 +50,7 @@ _ARRAYS: Schema = {
     "surface_faces": ("<i4", ("s", 3)),
     **COMPLEX_SCHEMA,
     "image": ("|u1 <u2 <f4", ("h", "w", "p*")),
+    "valid": ("|b1", ("h", "w")),
 }
 
 
@@ -63,6 +64,14 @@ def _check_frame(arrays: Arrays, lengths: dict[str, tuple[int, ...]]) -> None:
     check_complex(arrays, lengths["n"][0], lengths["e"][0])
     if "image" in arrays:
         _check_image(arrays)
+    if "valid" in arrays:
+        _check_mask(arrays)
+
+
+def _check_mask(arrays: Arrays) -> None:
+    shape, (width, height) = arrays["valid"].shape, arrays["image_size"].tolist()
+    if shape != (height, width):
+        raise InputError(f"array valid has shape {shape}, where {(height, width)} goes")
 
 
 def _check_image(arrays: Arrays) -> None:
@@ -107,7 +116,7 @@ FORM = Form(
     _ARRAYS,
     "the run is to be made anew",
     _check_frame,
-    optional=frozenset({"cloud_covariance", "landmark", "image"}),
+    optional=frozenset({"cloud_covariance", "landmark", "image", "valid"}),
     may_be_nan=frozenset({"cloud_uv", "cloud_disparity"}),  # a point without a projection has NaN pixels
     plain=frozenset({"image"}),
 )

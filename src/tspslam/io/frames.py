@@ -11,7 +11,7 @@ from .._files import PathLike
 from .._npz import Arrays
 from ..errors import InputError
 from ..frame import Frame
-from ..types import Cloud, Image, Surface
+from ..types import BoolArray, Cloud, Image, Surface
 from ._form import part_of, read_arrays, rig_arrays, rig_of, write_arrays
 from ._frame_schema import FORM, complex_arrays, complex_of
 
@@ -25,7 +25,7 @@ def write_frame(path: PathLike, frame: Frame) -> None:
         The file to write.
     frame : Frame
         Its parts are computed, if they are not yet; quality, what was tracked and times are not written. Its image is
-        (of float64, as float32) if it has the size of the rig's.
+        (of float64, as float32) if it has the size of the rig's, and so is which of its pixels the cameras saw.
 
     Raises
     ------
@@ -113,6 +113,27 @@ def read_frame_image(path: PathLike) -> Image:
     return read_arrays(path, FORM, _image_of, only=("image",))
 
 
+def read_frame_valid(path: PathLike) -> BoolArray | None:
+    """Read which pixels of a frame that `write_frame` wrote the cameras saw, and nothing else of it.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    (H, W) bool or None
+        None is all of them.
+
+    Raises
+    ------
+    InputError
+        As `read_frame`.
+    """
+    return read_arrays(path, FORM, lambda arrays: arrays.get("valid"), only=("valid",))
+
+
 def _image_of(arrays: Arrays) -> Image:
     if "image" not in arrays:
         raise InputError("has no image")
@@ -135,7 +156,12 @@ def _collected(frame: Frame) -> dict[str, Any]:
         "surface_faces": frame.surface.faces,
         **complex_arrays(frame.complex_, frame.signals, frame.response),
     }
-    others = {"cloud_covariance": cloud.covariance, "landmark": frame.landmark, "image": storable_image(frame)}
+    others = {
+        "cloud_covariance": cloud.covariance,
+        "landmark": frame.landmark,
+        "image": storable_image(frame),
+        "valid": frame.valid,
+    }
     return values | {name: value for name, value in others.items() if value is not None}
 
 
@@ -175,4 +201,5 @@ def _frame(arrays: Arrays) -> Frame:
         landmark=arrays.get("landmark"),
         is_keyframe=bool(arrays["is_keyframe"]),
         is_lost=bool(arrays["is_lost"]),
+        valid=arrays.get("valid"),
     )

@@ -226,7 +226,7 @@ def _sample(k: int, view: View, rig: Rig, shape: Shape, filter_: Filter, setting
     uv, is_seen = see_vertices(rig, view.T_world_camera, shape, settings)
     part = _restrict(shape.complex_, is_seen)
     places = uv[part.vertex]
-    signals = sample_signals(view.image, places, part.complex_)
+    signals = sample_signals(view.image, places, part.complex_, valid=view.valid)
     response = require_response(filter_(part.complex_, places, signals), len(places))
     centre = view.T_world_camera[:3, 3]
     one = np.ones(len(part.vertex), np.int32)

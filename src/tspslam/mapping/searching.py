@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Rig
-from ..vision.images import Pyramid, smooth_plane
+from ..vision.images import Pyramid, are_usable, find_usable, smooth_plane
 from ..vision.rig import project
 from ..vision.se3 import inverse
 from ..vision.slam.patch_tracking import compute_warps, track_patches
@@ -126,7 +126,8 @@ class _Search:
         if image.shape[:2] != self._shape:
             what = f"keyframe {self._views[k].number}: its image is {image.shape[1]} x {image.shape[0]} px"
             raise InputError(f"{what}, expected the rig's {self._shape[1]} x {self._shape[0]}")
-        return Pyramid((smooth_plane(image),))
+        valid = self._views[k].valid
+        return Pyramid((smooth_plane(image),), None if valid is None else find_usable(valid))
 
     def _track(self, source: int, k: int, rows: Rows) -> Sightings:
         """Find some of what one keyframe knows in another."""
@@ -142,5 +143,6 @@ class _Search:
         planes = self._plane(source), self._plane(k)
         uv, is_found = track_patches(*planes, known.uv, warp, guess, range(1), self._patch)
         is_found &= np.linalg.norm(uv - guess, axis=1) <= self._settings.reach
+        is_found &= are_usable(planes[1].usable, uv)
         disparity = rig.fx * rig.baseline / now[:, 2] - rig.doffs
         return Sightings(known.landmark, np.full(len(good), k), uv, disparity).take(is_found)

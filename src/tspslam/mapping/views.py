@@ -30,16 +30,24 @@ class View(Brief):
         Its pose, as all that was seen since has refined it.
     given : (H, W) or (H, W, 3) array, or callable that gives one
         The left image; a function is called each time, so that not all images are in memory at once.
+    seen : callable that gives an (H, W) bool array or None, optional
+        Which of its pixels the cameras saw; None is all of them.
     """
 
     number: int
     T_world_camera: FloatArray
     given: Image | Callable[[], Image]
+    seen: Callable[[], BoolArray | None] | None = None
 
     @property
     def image(self) -> Image:
         """The left image."""
         return self.given() if callable(self.given) else self.given
+
+    @property
+    def valid(self) -> BoolArray | None:
+        """Pixels that the cameras saw, (H, W); None is all of them."""
+        return None if self.seen is None else self.seen()
 
 
 class Sightings(NamedTuple):

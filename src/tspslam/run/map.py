@@ -14,7 +14,7 @@ from .._files import PathLike, bad_input
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame
-from ..io.frames import read_frame_image, storable_image
+from ..io.frames import read_frame_image, read_frame_valid, storable_image
 from ..io.landmarks import read_landmarks
 from ..mapping.build import make_map, map_of_frame
 from ..mapping.settings import MappingSettings
@@ -22,7 +22,7 @@ from ..mapping.views import View, take_keyframes
 from ..session import Session
 from ..settings import Settings
 from ..topological_map import TopologicalMap
-from ..types import FloatArray, Image, Rig
+from ..types import BoolArray, FloatArray, Image, Rig
 from ..vision.slam.map import MapSnapshot
 from .config import resolve
 
@@ -43,6 +43,8 @@ class Keyframes:
         Left image of a keyframe.
     frame_of : callable, int -> Frame
         A keyframe.
+    valid_of : callable, int -> (H, W) bool or None
+        Pixels of that image that the cameras saw; None is all of them.
     """
 
     snapshot: MapSnapshot
@@ -50,6 +52,7 @@ class Keyframes:
     index: Mapping[int, int]
     image_of: Callable[[int], Image]
     frame_of: Callable[[int], Frame]
+    valid_of: Callable[[int], BoolArray | None]
 
 
 def build_map(source: Session | PathLike, mapping: MappingSettings | None = None) -> TopologicalMap:
@@ -118,7 +121,10 @@ def join_keyframes(given: Keyframes, settings: Settings, mapping: MappingSetting
     if len(numbers) == 1:
         return map_of_frame(given.frame_of(numbers[0]), given.rig, poses[0], mapping.views)
     placed = zip(numbers, poses, strict=True)
-    views = [View(given.index[number], T, partial(given.image_of, number)) for number, T in placed]
+    views = [
+        View(given.index[number], T, partial(given.image_of, number), partial(given.valid_of, number))
+        for number, T in placed
+    ]
     return make_map(views, snapshot, given.rig, settings.filter, mapping)
 
 
@@ -149,7 +155,10 @@ def kept_keyframes(session: Session) -> Keyframes:
     index = {number: frame.index for number, frame in frames.items()}
     if (np.diff(list(index.values())) <= 0).any():  # pairs without a number of their own
         index = {number: number for number in frames}
-    return Keyframes(snapshot, rig, index, lambda number: _image(frames[number]), frames.__getitem__)
+    return Keyframes(
+        snapshot, rig, index, lambda number: _image(frames[number]), frames.__getitem__,
+        lambda number: frames[number].valid,
+    )  # fmt: skip
 
 
 def _image(frame: Frame) -> Image:
@@ -188,6 +197,7 @@ def stored_keyframes(folder: RunFolder) -> Keyframes:
         snapshot, rig, {number: number for number in snapshot.keyframe.tolist() if number in stored},
         lambda number: read_frame_image(folder.finished_frame(number)),
         lambda number: read_frame(folder.finished_frame(number)),
+        lambda number: read_frame_valid(folder.finished_frame(number)),
     )  # fmt: skip
 
 

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._checks import check_luminance, check_pixels, require
 from ..errors import InputError
-from ..types import REC601, UNIT_OF, FloatArray, Signals, real_array
+from ..types import REC601, UNIT_OF, BoolArray, FloatArray, Signals, real_array
 from .complex import Complex
 
+_ALL_SEEN = 1 - 1e-6  # of a mean of a mask: but for rounding, 1
 _WIDEST_EXACT = 32767  # a row of 16-bit pixels of this length still sums within int32
 
 Channels = Literal["luminance", "all"]
@@ -47,8 +48,9 @@ def luminance(image: NDArray[Any]) -> FloatArray:
 
 
 def sample_signals(
-    image: NDArray[Any], uv: ArrayLike, complex_: Complex, *, channels: Channels = "luminance"
-) -> Signals:
+    image: NDArray[Any], uv: ArrayLike, complex_: Complex, *, channels: Channels = "luminance",
+    valid: BoolArray | None = None,
+) -> Signals:  # fmt: skip
     """Sample an image on every level of a complex, eqs (4)-(6).
 
     A vertex takes the bilinear sample at its projection, an edge the mean over its integer Bresenham line, a face the
@@ -66,6 +68,8 @@ def sample_signals(
     channels : {"luminance", "all"}
         What to sample of a colour image: its luminance, giving (n,) signals, or each channel, giving (n, C). An image
         with two, or with more than three channels is always sampled in each.
+    valid : (H, W) bool array, optional
+        Pixels that the camera saw; an element that rests on any other has no signal. All by default.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def sample_signals(
     Raises
     ------
     InputError
-        If the image or `uv` is not as described.
+        If the image, `uv` or `valid` is not as described.
 
     Notes
     -----
@@ -95,6 +99,9 @@ def sample_signals(
         raise InputError("complex: its faces are polygons, expected triangles; merge_signals gives the cells theirs")
     points = _checked_uv(uv, complex_.n)
     sampled = [_sample_plane(plane, unit, points, complex_) for plane, unit in _planes(image, channels)]
+    if valid is not None:
+        seen = _sample_plane(_checked_mask(valid, image), 1.0, points, complex_)
+        sampled = [_drop_unseen(each, seen) for each in sampled]
     if len(sampled) == 1 and (image.ndim == 2 or channels == "luminance"):
         return sampled[0]
     return _stack(sampled)
@@ -115,6 +122,24 @@ def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Co
     _pixels.sample_edges(plane, unit, uv, vertex_ok, edges, by_edge, is_far, edge, edge_uv, edge_pixels, edge_ok)
     _pixels.sample_faces(plane, table, unit, uv, vertex_ok, faces, by_face, is_far, face, face_uv, face_pixels, face_ok)
     return Signals(vertex, edge, face, edge_uv, face_uv, edge_pixels, face_pixels, vertex_ok, edge_ok, face_ok)
+
+
+def _checked_mask(valid: BoolArray, image: NDArray[Any]) -> NDArray[np.uint8]:
+    mask = np.asarray(valid)
+    if mask.dtype != np.bool_ or mask.shape != image.shape[:2]:
+        raise InputError(f"valid: is {mask.dtype} of shape {mask.shape}, expected bool of shape {image.shape[:2]}")
+    return np.ascontiguousarray(mask).view(np.uint8)
+
+
+def _drop_unseen(signals: Signals, seen: Signals) -> Signals:
+    """Signals without those of elements whose mean of a mask is not 1."""
+    kept = {level: getattr(seen, level) > _ALL_SEEN for level in ("vertex", "edge", "face")}
+    levels = {f"{level}_ok": getattr(signals, f"{level}_ok") & ok for level, ok in kept.items()}
+    values = {name: getattr(signals, name) for name in vars(signals) if not name.endswith("_ok")}
+    for name, value in values.items():
+        ok = levels[f"{name.partition('_')[0]}_ok"]
+        values[name] = np.where(ok.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
+    return Signals(**values, **levels)
 
 
 def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._brief import Brief
 from ..errors import GeometryError, InputError
-from ..types import Image, StereoPair
+from ..types import BoolArray, FloatArray, Image, StereoPair
 from .rig import check_pair
 
 Plane = NDArray[np.float32]
@@ -20,6 +20,8 @@ SAME_PICTURE = "left and right show the same picture, expected two views of one 
 _TO_GREY_LEVELS = {"u1": 1.0, "u2": 1 / 257, "f4": 255.0, "f8": 255.0}
 _SMOOTHING = 0.6  # px; less lets the interpolation bias through, more blurs depth edges
 _LEVELS = 4
+MARGIN = 16
+"""px from a pixel that no camera saw to the nearest that is used: patches, of ORB and of tracking, reach 15 px."""
 _SMALLEST = 60  # px that the shorter side of a level must have for a smaller level to be made
 
 
@@ -126,6 +128,58 @@ def _smoothed(luminance: Plane) -> Plane:
     return plane
 
 
+def find_usable(valid: BoolArray) -> BoolArray:
+    """Find the pixels around which patches see nothing but what the cameras saw: 16 px from any other.
+
+    Parameters
+    ----------
+    valid : (H, W) bool
+        Pixels that the cameras saw. Beyond the border of the image nothing is taken to be unseen.
+
+    Returns
+    -------
+    (H, W) bool
+
+    Examples
+    --------
+    >>> valid = np.ones((40, 40), bool)
+    >>> valid[:, 0] = False
+    >>> int(find_usable(valid)[0].argmax())
+    17
+    """
+    import cv2
+
+    side = 2 * MARGIN + 1
+    return np.asarray(cv2.erode(valid.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
+
+
+def are_usable(usable: BoolArray | None, uv: FloatArray) -> BoolArray:
+    """Tell whether places lie on usable pixels; outside the image, the nearest one counts.
+
+    Parameters
+    ----------
+    usable : (H, W) bool or None
+        None is all of them.
+    uv : (N, 2) float64
+        Places, px; NaN is not usable, unless all are.
+
+    Returns
+    -------
+    (N,) bool
+
+    Examples
+    --------
+    >>> are_usable(np.array([[True, False]]), np.array([[0.4, 0.0], [0.6, 0.0]])).tolist()
+    [True, False]
+    """
+    if usable is None:
+        return np.ones(len(uv), np.bool_)
+    is_number = np.isfinite(uv).all(axis=1)
+    last = np.array(usable.shape[::-1]) - 1
+    column, row = np.clip(np.rint(np.where(is_number[:, None], uv, 0)), 0, last).astype(np.int64).T
+    return np.asarray(usable[row, column] & is_number)
+
+
 @dataclass(frozen=True, repr=False)
 class Pyramid(Brief):
     """An image in half, quarter and eighth size too.
@@ -134,9 +188,12 @@ class Pyramid(Brief):
     ----------
     levels : tuple of (h, w) float32
         Smoothed grey levels, full size first; pixel (2u, 2v) of one is (u, v) of the next.
+    usable : (H, W) bool or None
+        Pixels of the full size that may be tracked; None is all of them.
     """
 
     levels: tuple[Plane, ...]
+    usable: BoolArray | None = None
 
 
 def build_pyramid(image: Image) -> Pyramid:
@@ -159,13 +216,13 @@ def build_pyramid(image: Image) -> Pyramid:
     return _halved(smooth_plane(image))
 
 
-def _halved(plane: Plane) -> Pyramid:
+def _halved(plane: Plane, usable: BoolArray | None = None) -> Pyramid:
     import cv2
 
     levels = [plane]
     while len(levels) < _LEVELS and min(levels[-1].shape) >= _SMALLEST:
         levels.append(cv2.pyrDown(levels[-1]))
-    return Pyramid(tuple(levels))
+    return Pyramid(tuple(levels), usable)
 
 
 @dataclass(frozen=True, repr=False)
@@ -176,9 +233,12 @@ class PreparedImage(Brief):
     ----------
     image : (H, W) or (H, W, 3) uint8, uint16 or float array
         Floats in [0, 1].
+    usable : (H, W) bool or None
+        Pixels on which keypoints and landmarks may lie; None is all of them.
     """
 
     image: Image
+    usable: BoolArray | None = None
 
     @cached_property
     def luminance(self) -> Plane:
@@ -198,7 +258,7 @@ class PreparedImage(Brief):
     @cached_property
     def pyramid(self) -> Pyramid:
         """The smoothed luminance in several sizes: what landmarks are tracked in."""
-        return _halved(self.smooth)
+        return _halved(self.smooth, self.usable)
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,14 +266,19 @@ class PreparedPair(StereoPair):
     """A pair that was checked, each of its images prepared once for all stages."""
 
     @cached_property
+    def usable(self) -> BoolArray | None:
+        """Pixels of either image that are used, (H, W); None is all of them."""
+        return None if self.valid is None else find_usable(self.valid)
+
+    @cached_property
     def left_image(self) -> PreparedImage:
         """The left image."""
-        return PreparedImage(self.left)
+        return PreparedImage(self.left, self.usable)
 
     @cached_property
     def right_image(self) -> PreparedImage:
         """The right image."""
-        return PreparedImage(self.right)
+        return PreparedImage(self.right, self.usable)
 
 
 def prepare(pair: StereoPair) -> PreparedPair:

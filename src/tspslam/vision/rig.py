@@ -228,7 +228,7 @@ def check_pair(pair: StereoPair) -> None:
     ----------
     pair : StereoPair
         Images of one size and dtype, uint8, uint16 or float in [0, 1], grey or RGB, as large as the rig says, which has
-        a baseline; a finite stamp.
+        a baseline; a finite stamp; where it says which pixels are valid, as many of these.
 
     Raises
     ------
@@ -259,6 +259,17 @@ def check_pair(pair: StereoPair) -> None:
         raise InputError(
             f"{pair.name}: images are {_size(left)}, but the calibration is for {pair.rig.width} x {pair.rig.height} px"
         )
+    _check_valid(pair)
+
+
+def _check_valid(pair: StereoPair) -> None:
+    """Refuse a mask of pixels that is none of this rig's."""
+    valid, shape = pair.valid, (pair.rig.height, pair.rig.width)
+    if valid is None:
+        return
+    if not isinstance(valid, np.ndarray) or valid.dtype != np.bool_ or valid.shape != shape:
+        found = f"{valid.dtype} of shape {valid.shape}" if isinstance(valid, np.ndarray) else repr(valid)[:40]
+        raise InputError(f"{pair.name}: valid is {found}, expected bool of shape {shape}")
 
 
 def check_image(what: str, image: NDArray[Any]) -> None:

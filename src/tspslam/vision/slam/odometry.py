@@ -15,6 +15,7 @@ from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
 from ..features.binary import binary_descriptors
+from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
 from ..images import PreparedPair, grey_levels, prepare
 from ..se3 import inverse, normalised, repeated
@@ -315,7 +316,7 @@ class StereoOdometry:
         estimate = track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, predicted, settings)
         steady = predicted if self.path.is_motion_known else None
         if estimate is None or not is_clear(estimate, map_.xyz, steady, settings):
-            features = self._detect(image.grey)
+            features = detect_usable(image, self._detect)
             descriptors = binary_descriptors(features.descriptor)
             relocalized = self._places.relocalize(image.pyramid, features.uv, descriptors)
             estimate = choose_pose(estimate, relocalized, map_.xyz, settings)

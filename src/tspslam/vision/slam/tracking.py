@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from ..._settings import Checked, setting
 from ...types import BoolArray, FloatArray, Rig
-from ..images import PreparedPair, Pyramid
+from ..images import PreparedPair, Pyramid, are_usable
 from ..rig import project
 from ..se3 import inverse
 from ..stereo.dense import checked_map, sample_map
+from ..stereo.matches import uv_right
 from ..stereo.row_matcher import SearchNear, level_rows
 from .patch_tracking import Patch, compute_warps, track_patches
 from .pose import PoseEstimate, fit_robustly
@@ -207,7 +208,8 @@ def measure_disparities(
     depth = (xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]
     guess = rig.fx * rig.baseline / depth - rig.doffs
     planes = level_rows((images.left_image.smooth, images.right_image.smooth), row_offset)
-    return search(planes, estimate.uv, guess)
+    found = search(planes, estimate.uv, guess)
+    return np.where(are_usable(images.usable, uv_right(estimate.uv, found)), found, np.nan)
 
 
 def refine_pose(
@@ -312,7 +314,7 @@ def _track(
     settings: TrackingSettings,
 ) -> PoseEstimate:  # fmt: skip
     """Where about `most` of the landmarks that should be seen from a pose are found in the image."""
-    visible = [_visible(rig, reference, xyz, T, settings) for reference in references]
+    visible = [_visible(rig, image, reference, xyz, T, settings) for reference in references]
     in_view = sum(map(len, visible))
     step = max(1, in_view // most)
     found = [
@@ -324,14 +326,15 @@ def _track(
 
 
 def _visible(
-    rig: Rig, reference: Reference, xyz: FloatArray, T: FloatArray, settings: TrackingSettings
+    rig: Rig, image: Pyramid, reference: Reference, xyz: FloatArray, T: FloatArray, settings: TrackingSettings
 ) -> NDArray[np.int64]:
     """Rows of a reference's landmarks that lie in the view of a camera at T, about as near as in the reference."""
     before, now = (_in_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
     with np.errstate(divide="ignore", invalid="ignore"):
         zoom = before[:, 2] / now[:, 2]
     is_alike = (now[:, 2] > settings.min_depth) & (zoom < settings.max_zoom) & (zoom * settings.max_zoom > 1)
-    return np.flatnonzero(is_alike & _is_inside(rig, project(rig, now)))
+    uv = project(rig, now)
+    return np.flatnonzero(is_alike & _is_inside(rig, uv) & are_usable(image.usable, uv))
 
 
 def _track_reference(
@@ -345,6 +348,7 @@ def _track_reference(
         rig, inverse(T) @ reference.T_world_camera, _in_camera(xyz, landmark, reference.T_world_camera)
     )
     uv, good = track_patches(reference.image, image, reference.uv[rows], shapes, places, levels, patch)
+    good &= are_usable(image.usable, uv)
     return uv[good], landmark[good]
 
 

@@ -47,6 +47,29 @@ class Matches(Brief):
         return len(self.left_index)
 
 
+def uv_right(uv: FloatArray, disparity: FloatArray) -> FloatArray:
+    """Return where the right image has points of the left one.
+
+    Parameters
+    ----------
+    uv : (N, 2) float64
+        Places in the left image, px.
+    disparity : (N,) float64
+        Disparities, px.
+
+    Returns
+    -------
+    (N, 2) float64
+        px.
+
+    Examples
+    --------
+    >>> uv_right(np.array([[30.0, 7.0]]), np.array([5.0])).tolist()
+    [[25.0, 7.0]]
+    """
+    return uv - np.column_stack([disparity, np.zeros(len(disparity))])
+
+
 def find_supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -> BoolArray:
     """Whether at least two of a point's eight nearest neighbours have nearly its disparity.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import GeometryError
 from ...types import Features, FloatArray, StereoPair
+from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
 from ..images import SAME_PICTURE, PreparedPair
 from .descriptor_matcher import refuse_swapped
@@ -67,7 +68,7 @@ def explain_mismatch(pair: PreparedPair, left: Features, right: Features, points
     if points >= (_FEW_BARE if is_bare else _FEW) * count:
         return
     if is_bare:
-        left, right = (OrbDetector()(image.grey) for image in (pair.left_image, pair.right_image))
+        left, right = (detect_usable(image, OrbDetector()) for image in (pair.left_image, pair.right_image))
     i, j = _free_matches(left, right)
     if len(i) < _NEEDED:
         return

@@ -13,8 +13,9 @@ from ..._checks import require, require_stage
 from ..._threads import both
 from ...errors import GeometryError, InputError
 from ...types import Cloud, Features, FloatArray, StereoPair
+from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
-from ..images import PreparedPair, prepare
+from ..images import PreparedPair, are_usable, prepare
 from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptor_matcher import DescriptorMatcher
 from .matches import Matches
@@ -181,11 +182,12 @@ def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     """
     pair = prepare(pair)
     if pair.disparity is not None:
-        return _of_map(pair, pair.disparity, detect(pair.left_image.grey))
-    left, right = both(lambda image: detect(image.grey), (pair.left_image, pair.right_image))
+        return _of_map(pair, pair.disparity, detect_usable(pair.left_image, detect))
+    left, right = both(lambda image: detect_usable(image, detect), (pair.left_image, pair.right_image))
     _require_features(pair, left, right)
     matches = match(left, right, pair)
     _check_matches(matches, left, right)
+    matches = _drop_unseen(pair, left, matches)
     refuse_one_picture_stored_twice(pair, matches)
     cloud = triangulate(pair.rig, left, matches)
     explain_mismatch(pair, left, right, len(cloud))
@@ -197,6 +199,15 @@ def match_stereo(pair: StereoPair, detect: Detector, match: Matcher) -> Stereo:
     disparity = np.full(len(left.uv), np.nan)
     disparity[matches.left_index] = matches.disparity
     return Stereo(left, disparity, cloud, _quality(left, right, matches, cloud))
+
+
+def _drop_unseen(pair: PreparedPair, left: Features, matches: Matches) -> Matches:
+    """Drop matches whose place in the right image no camera saw."""
+    if pair.usable is None:
+        return matches
+    rows = are_usable(pair.usable, uv_right(left.uv[matches.left_index], matches.disparity))
+    columns = ("left_index", "right_index", "disparity", "score")
+    return replace(matches, **{name: np.asarray(getattr(matches, name))[rows] for name in columns})
 
 
 def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo:

@@ -91,7 +91,7 @@ class SgbmMatcher(Checked, what="sgbm"):
         Returns
         -------
         (H, W) float64
-            px; NaN where not known.
+            px; NaN where not known, or no camera saw the pixel.
         """
         import cv2
 
@@ -107,7 +107,8 @@ class SgbmMatcher(Checked, what="sgbm"):
         )  # fmt: skip
         images = prepare(pair)
         found = sgbm.compute(images.left_image.grey, images.right_image.grey) / _STEP
-        return np.where(found >= first, found, np.nan)
+        is_known = found >= first if pair.valid is None else (found >= first) & pair.valid
+        return np.where(is_known, found, np.nan)
 
     def _range(self, left: Features, right: Features, pair: StereoPair) -> tuple[float, float]:
         if left.descriptor.shape[1] == 0 or right.descriptor.shape[1] == 0:
