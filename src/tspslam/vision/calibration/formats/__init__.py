@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 from ...._checks import require_path
-from ...._files import PathLike, bad_input
+from ...._files import PathLike, bad_input, reason_of
 from ...._text import parse_json, read_text
 from ...._yaml import LARGEST_FILE
 from ....errors import InputError
@@ -32,6 +33,7 @@ from .readers.zed import is_zed, parse_zed, read_zed
 
 _EXPECTED = "a calibration of tspslam, KITTI, EuRoC, OpenCV, Kalibr, ROS, ORB-SLAM or another program that is known"
 _PLACES = (*euroc.PLACES, *ros.PLACES, *colmap.PLACES)  # in a folder
+_JSON = re.compile(r"\s*[\[{]\s*[\"\[{\]}]")  # a mapping of YAML may begin with a brace as well, but not with a quote
 _Reader = Callable[[Source, Size | None], Calibration]
 _TEXTS: tuple[tuple[Callable[[str], bool], Callable[[str, PathLike], Source], _Reader], ...] = (
     (is_kitti, parse_kitti, read_kitti),
@@ -116,12 +118,12 @@ def _read_mapping(source: Source, size: Size | None) -> Calibration:
 
 def _mapping(text: str, path: PathLike) -> dict[Any, Any]:
     """What a text says in JSON, XML or YAML; a list in JSON, as COLMAP's, stands under the key ``rigs``."""
-    if not text.lstrip().startswith(("{", "[")):
+    if not _JSON.match(text):
         return parse_mapping(text, path, _EXPECTED)
     try:
         content = parse_json(text.encode())
-    except (ValueError, RecursionError):  # YAML may begin so too
-        return parse_mapping(text, path, _EXPECTED)
+    except (ValueError, RecursionError) as error:
+        raise bad_input(path, f"is no whole JSON ({reason_of(error)[:80]})", _EXPECTED) from error
     return content if isinstance(content, dict) else {"rigs": content}
 
 

@@ -115,13 +115,13 @@ def _told(pixels: Size, name: str) -> Found:
 def _resolution(source: Source, size: Size | None) -> tuple[Size, str]:
     """Size of the images and the name of its sections."""
     known = {pixels: name for pixels, name in _SIZES.items() if f"LEFT_CAM_{name}.fx" in source}
-    listed = ", ".join(f"{name} ({width} x {height})" for (width, height), name in known.items()) or "none"
+    listed = ", ".join(f"{name} ({width} x {height})" for (width, height), name in known.items()) or "no size that is known"
     if size is None:
         if len(known) != 1:
-            raise source.error(f"holds the resolutions {listed}, expected the size of one (--size, or size=)")
+            raise source.error(f"is for images of {listed}, expected the size of one of them (--size, or size=)")
         size = next(iter(known))
     if size not in known:
-        raise source.error(f"holds the resolutions {listed}, but {size[0]} x {size[1]} px are given, expected one")
+        raise source.error(f"is for images of {listed}, but {size[0]} x {size[1]} px are given, expected one of these")
     return size, known[size]
 
 
