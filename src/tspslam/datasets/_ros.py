@@ -16,18 +16,9 @@ import numpy as np
 from .._files import bad_input, one_line, reason_of
 from ..errors import InputError
 from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _quiet, load_pixels
-from ..types import Camera, Image, RawRig, Rig
+from ..types import Image, RawRig, Rig
+from ..vision.calibration.formats._camera_info import Keys, from_camera_infos
 from ..vision.calibration.formats._source import Source
-from ..vision.calibration.formats._values import (
-    DISTORTION,
-    OPENCV_COUNTS,
-    Found,
-    distortion,
-    from_camera_matrix,
-    from_projections,
-    motion,
-    rotation,
-)
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -44,9 +35,7 @@ _RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")
 _MAX_LISTED, _LONGEST_NAME = 20, 80
 _FILES = (".bag", ".mcap", ".db3")
 STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
-_BROWN = ("plumb_bob", "rational_polynomial", "")  # the second one is Brown's where k4, k5 and k6 are 0
-_TURNED = 1e-6  # of R against no rotation
-_SAME = 1e-3  # px, of K against P
+_FIELDS = ("width", "height", "distortion_model", "D", "K", "R", "P")  # of a CameraInfo, as `Keys` has them
 _SMALLEST_MOSAIC = 3  # px a side
 _PADDED, _PADDING = 2, 4096  # of a row: one image of two side by side, and bytes to the end of a page of memory
 _GREY, _RGB, _BGR = (0,), (0, 1, 2), (2, 1, 0)
@@ -87,6 +76,12 @@ class Info:
         """Return the numbers of D, K, R or P, which ROS 2 writes in small letters."""
         values: list[float] = getattr(self.message, name if hasattr(self.message, name) else name.lower()).tolist()
         return values
+
+    def values(self) -> dict[str, Any]:
+        """Return all fields that tell of a camera, by topic and name."""
+        plain: dict[str, Any] = {"width": int(self.message.width), "height": int(self.message.height)}
+        plain["distortion_model"] = str(self.message.distortion_model)
+        return {f"{self.topic}.{name}": plain[name] if name in plain else self.field(name) for name in _FIELDS}
 
 
 def is_rectified(topic: str) -> bool:
@@ -160,16 +155,11 @@ def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRi
 
     Raw images whose cameras have no distortion, no rotation and K as in P are rectified ones.
     """
-    values = {f"{info.topic}.{name}": info.field(name) for info in (left, right) for name in "DKRP"}
-    source = Source(path, values)
-    found = from_projections(source, f"{left.topic}.P", f"{right.topic}.P")
-    if not rectified:
-        for info in (left, right):
-            _check_model(source, info)
+    values = {key: value for info in (left, right) for key, value in info.values().items()}
+    one, other = (Keys(*(f"{info.topic}.{name}" for name in _FIELDS)) for info in (left, right))
     try:
-        if rectified or not any(_is_raw(source, info) for info in (left, right)):
-            return Rig(**_plain(found), width=int(left.message.width), height=int(left.message.height))
-        return _raw_rig(source, left, right, found["baseline"][0])
+        source = Source(path, values)
+        return from_camera_infos(source, one, other, kind="CameraInfo", is_rectified=rectified).cameras
     except InputError as error:
         raise _named(path, error) from error
 
@@ -177,38 +167,6 @@ def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRi
 def _named(path: Path, error: InputError) -> InputError:
     said = one_line(str(error))
     return InputError(said if said.startswith(one_line(str(path))) else one_line(f"{path}: {said}"))
-
-
-def _plain(found: Found) -> dict[str, Any]:
-    return {name: value for name, (value, _) in found.items()}
-
-
-def _check_model(source: Source, info: Info) -> None:
-    model = str(info.message.distortion_model)
-    if model not in _BROWN:
-        raise source.wrong(f"{info.topic}.distortion_model", model, "plumb_bob, or topics of rectified images")
-
-
-def _is_raw(source: Source, info: Info) -> bool:
-    K, P = source.matrix(f"{info.topic}.K", 3, 3), source.matrix(f"{info.topic}.P", 3, 4)
-    turn = np.abs(source.matrix(f"{info.topic}.R", 3, 3) - np.eye(3)).max()
-    return bool(any(info.field("D")) or turn > _TURNED or np.abs(K - P[:, :3]).max() > _SAME)
-
-
-def _raw_rig(source: Source, left: Info, right: Info, baseline: float) -> RawRig:
-    """x_rectified = R x in both cameras, which differ by the baseline only."""
-    R_left, R_right = (rotation(source, f"{info.topic}.R") for info in (left, right))
-    T = motion(R_right.T @ R_left, (R_right.T @ (-baseline, 0, 0)).tolist())
-    rows = [(float(a), float(b), float(c), float(d)) for a, b, c, d in T.tolist()]
-    return RawRig(_camera(source, left), _camera(source, right), tuple(rows))
-
-
-def _camera(source: Source, info: Info) -> Camera:
-    lens = distortion(source, f"{info.topic}.D", *OPENCV_COUNTS) if info.field("D") else {}
-    k1, k2, p1, p2, k3 = (lens[name][0] if name in lens else 0.0 for name in DISTORTION)
-    pinhole = _plain(from_camera_matrix(source, f"{info.topic}.K"))
-    width, height = int(info.message.width), int(info.message.height)
-    return Camera(**pinhole, width=width, height=height, distortion=(k1, k2, p1, p2, k3))
 
 
 def image_of(message: Any, kind: str) -> Image:

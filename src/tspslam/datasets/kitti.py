@@ -15,7 +15,7 @@ from .._text import read_text
 from ..errors import InputError
 from ..types import FloatArray, RawRig, Rig
 from ..vision.calibration.formats._source import Source
-from ..vision.calibration.formats.kitti import parse_kitti, read_kitti
+from ..vision.calibration.formats.readers.kitti import parse_kitti, read_kitti
 from ._pairing import (
     LAST_STAMP,
     NANOSECONDS,

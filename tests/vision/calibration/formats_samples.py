@@ -15,6 +15,11 @@ class Sample:
     format: str
     size: tuple[int, int] | None = None
 
+    @property
+    def takes_comments(self) -> bool:
+        """Whether lines with # may stand above the first: not in JSON and XML."""
+        return not next(iter(self.files)).endswith((".json", ".xml"))
+
     def write(self, folder: Path) -> Path:
         """Write the files, and return the one to read: the first."""
         for name, text in self.files.items():

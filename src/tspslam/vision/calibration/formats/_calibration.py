@@ -30,6 +30,8 @@ class Calibration:
         the file, such as ``"P1[0,3] / -P1[0,0]"``. A value that the file leaves out is 0 and is not listed.
     remarks : tuple of str
         Remarks for the user, a line each.
+    disparity_range : tuple of 2 floats or None
+        Smallest and largest disparity of the scene, px, where the file tells them, as Middlebury's do.
 
     Examples
     --------
@@ -42,6 +44,7 @@ class Calibration:
     format: str
     origin: dict[str, str]
     remarks: Remarks = ()
+    disparity_range: tuple[float, float] | None = None
 
 
 def rectified(found: Found, kind: str, remarks: Remarks = ()) -> Calibration:

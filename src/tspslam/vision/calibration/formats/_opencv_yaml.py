@@ -1,4 +1,4 @@
-"""YAML as OpenCV's FileStorage writes it: plain, but for the header ``%YAML:1.0`` and the tag of matrices."""
+"""Files of OpenCV's FileStorage: XML, or YAML that is plain but for its header and the tag of matrices."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import yaml
 from ...._files import PathLike, bad_input, one_line
 from ...._text import read_text
 from ...._yaml import LARGEST_FILE, PlainLoader, without_header
+from ._xml import is_xml, parse_opencv_xml
 
 MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
 # OpenCV needs no blank after a colon; ORB-SLAM2's own settings have none before a list.
@@ -50,11 +51,11 @@ def read_mapping(path: PathLike, expected: str) -> dict[Any, Any]:
 
 
 def parse_mapping(text: str, path: PathLike, expected: str) -> dict[Any, Any]:
-    """Return the mapping that the text of a file holds."""
+    """Return the mapping that the text of a file holds: OpenCV's XML, or its or plain YAML."""
+    if is_xml(text):
+        return parse_opencv_xml(text, path, expected)
     content = parse_opencv_yaml(text, path, expected)
     if not isinstance(content, dict):
         kind = "blank" if content is None else f"a {type(content).__name__}, not a mapping"
-        if text.lstrip().startswith("<?xml"):
-            kind = "XML, which is not read"
         raise bad_input(path, f"is {kind}", expected)
     return content

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...._files import PathLike, one_line
+from ...._text import is_plain
 from ....errors import InputError
 from ....types import FloatArray
 
@@ -138,6 +139,14 @@ class Source:
 def whole(value: float) -> float:
     """Return a number as an int if it is whole, so that a size reads 640 and not 640.0."""
     return int(value) if math.isfinite(value) and value == int(value) else value
+
+
+def plain_value(word: str) -> float | str:
+    """Return a word of a text file as the number that it is, else as it is, for the errors to show."""
+    try:
+        return float(word) if is_plain(word) else word
+    except ValueError:
+        return word
 
 
 def _shown(value: object) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ....types import FloatArray
+from ....types import LENSES, FloatArray
 from ._source import Source, whole
 
 Found = dict[str, tuple[Any, str]]
@@ -18,23 +18,27 @@ Size = tuple[int, int]
 
 _LENS = ("fx", "fy", "cx", "cy")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
-_FURTHER = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
 OPENCV_COUNTS = (4, 5, 8, 12, 14)  # of coefficients that OpenCV writes
 _RANGES = {
     "fx": (1e-3, 1e7, "a focal length, px,"),
     "fy": (1e-3, 1e7, "a focal length, px,"),
     "baseline": (1e-6, 1e6, "a baseline, m,"),
-    **dict.fromkeys(DISTORTION, (-1e4, 1e4, "a distortion coefficient")),
+    **{name: (-1e4, 1e4, "a distortion coefficient") for names in LENSES.values() for name in names},
+    "xi": (-1.0, 1e4, "xi of a lens"),
+    "alpha": (0.0, 1.0, "alpha of a lens"),
+    "beta": (1e-6, 1e4, "beta of a lens"),
 }
 _SAME = 1e-3  # px, between the projection matrices of a rectified pair
 _ZERO = 1e-6
-_ROTATION = 1e-3  # off R Rᵀ = I
+_ROTATION = 1e-3  # off R Rᵀ = I, and off 1 of the length of a quaternion
 _BESIDE = 1e-3  # of the baseline: how far the right camera may be off the x axis of the left
 
 
 def checked(source: Source, found: Found) -> Found:
     """Return the values if each is in the range of its field."""
     for name, (value, key) in found.items():
+        if name == "lens":
+            continue
         low, high, what = _RANGES.get(name, (-1e7, 1e7, "a number"))
         if not low <= value <= high:
             hint = ": left and right look swapped" if name == "baseline" and value < 0 else ""
@@ -47,13 +51,11 @@ def from_camera_matrix(source: Source, key: str) -> Found:
     return _from_matrix(source, key, source.matrix(key, 3, 3))
 
 
-def from_list(source: Source, key: str) -> Found:
-    """Return fx, fy, cx, cy of four numbers."""
-    values = source.vector(key, 4)
-    found = {
-        name: (value, f"{source.label(key)}[{k}]") for k, (name, value) in enumerate(zip(_LENS, values, strict=True))
-    }
-    return checked(source, found)
+def from_list(source: Source, key: str, names: Sequence[str] = _LENS) -> Found:
+    """Return fx, fy, cx, cy, or other values, of a list of as many numbers."""
+    values = source.vector(key, len(names))
+    named = enumerate(zip(names, values, strict=True))
+    return checked(source, {name: (value, f"{source.label(key)}[{k}]") for k, (name, value) in named})
 
 
 def from_keys(source: Source, prefix: str, names: Sequence[str] = _LENS) -> Found:
@@ -63,16 +65,37 @@ def from_keys(source: Source, prefix: str, names: Sequence[str] = _LENS) -> Foun
 
 
 def distortion(source: Source, key: str, *counts: int) -> Found:
-    """Return k1, k2, p1, p2[, k3] of as many coefficients as one of `counts`; further ones must be 0."""
+    """Return OpenCV's coefficients, as many as one of `counts`, of the simplest of its lenses that has them.
+
+    That is Brown's where the sixth and all after it are 0, the rational one where the ninth and all after it are.
+    """
     values = source.vector(key, *counts)
-    for k, (name, value) in enumerate(zip(_FURTHER, values[5:], strict=False), start=5):
+    for k, (name, value) in enumerate(zip(("tx", "ty"), values[12:], strict=False), start=12):
         if value != 0:
-            raise source.wrong(f"{key}[{k}] ({name})", value, "0: only k1, k2, p1, p2, k3 of Brown's model are known")
-    found = {
-        name: (value, f"{source.label(key)}[{k}]")
-        for k, (name, value) in enumerate(zip(DISTORTION, values, strict=False))
-    }
-    return checked(source, found)
+            raise source.wrong(f"{key}[{k}] ({name})", value, "0: a tilted sensor is not supported")
+    lens = "thin_prism" if any(values[8:12]) else "rational" if any(values[5:8]) else "brown"
+    return _named(source, key, lens, values, f"{len(values)} of {source.label(key)}")
+
+
+def coefficients(source: Source, key: str, lens: str, origin: str, *counts: int) -> Found:
+    """Return the coefficients of a lens that `origin`, a key, names; of `counts`, those beyond its own must be 0."""
+    names = LENSES[lens]
+    values = source.vector(key, *(counts or (len(names),)))
+    for k, value in enumerate(values[len(names) :], start=len(names)):
+        if value != 0:
+            raise source.wrong(f"{key}[{k}]", value, f"0 after {', '.join(names)}")
+    return _named(source, key, lens, values, origin)
+
+
+def _named(source: Source, key: str, lens: str, values: Sequence[float], origin: str) -> Found:
+    named = zip(LENSES[lens], values, strict=False)
+    found: Found = {name: (value, f"{source.label(key)}[{k}]") for k, (name, value) in enumerate(named)}
+    return checked(source, with_lens(found, lens, origin))
+
+
+def with_lens(found: Found, lens: str, origin: str) -> Found:
+    """Return the values with the lens that they are of, where that is not Brown's."""
+    return found if lens == "brown" else {**found, "lens": (lens, origin)}
 
 
 def from_projections(source: Source, left: str, right: str) -> Found:
@@ -164,6 +187,27 @@ def motion(R: FloatArray, t: Sequence[float]) -> FloatArray:
 def inverse(T: FloatArray) -> FloatArray:
     """Return the motion back."""
     return np.asarray(np.linalg.inv(T), np.float64)
+
+
+def beside(R_left: FloatArray, R_right: FloatArray, baseline: float) -> FloatArray:
+    """Return T_right_left of cameras that differ by the baseline only once R has turned them: x_rectified = R x."""
+    return motion(R_right.T @ R_left, (R_right.T @ (-baseline, 0, 0)).tolist())
+
+
+def turned(source: Source, key: str, quaternion: Sequence[float]) -> FloatArray:
+    """Return the 3 x 3 rotation of a quaternion w, x, y, z, of length 1 to 1e-3."""
+    q = np.array(quaternion, np.float64)
+    length = float(np.linalg.norm(q))
+    if not abs(length - 1) <= _ROTATION:
+        raise source.error(f"{source.label(key)} is a quaternion of length {length:.6g}, expected 1")
+    w, x, y, z = q / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def rotation(source: Source, key: str) -> FloatArray:

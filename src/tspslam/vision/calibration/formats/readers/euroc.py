@@ -2,38 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from ...._files import PathLike, bad_input
-from ._calibration import Calibration, raw
-from ._lens import check_lens
-from ._opencv_yaml import read_mapping
-from ._source import Source
-from ._values import Found, Size, agreed_size, distortion, from_list, inverse, pose, size_from_list
+from ....._files import PathLike, bad_input
+from .._calibration import Calibration, raw
+from .._opencv_yaml import read_mapping
+from .._source import Source
+from .._values import Found, Size, agreed_size, coefficients, distortion, from_list, inverse, pose, size_from_list
 
 KIND = "EuRoC sensor.yaml"
-_PLACES = ("mav0/cam0/sensor.yaml", "cam0/sensor.yaml", "cam0_sensor.yaml")
+PLACES = ("mav0/cam0/sensor.yaml", "cam0/sensor.yaml", "cam0_sensor.yaml")
+"""Where the left camera's file is in the folder of a recording."""
 _BROWN = ("radial-tangential", "radtan", "plumb_bob", "plumb-bob", "brown")
-
-
-def left_file(folder: PathLike) -> Path:
-    """Return the left camera's file of a recording's folder.
-
-    Parameters
-    ----------
-    folder : str or path
-        The recording.
-
-    Returns
-    -------
-    Path
-    """
-    for place in _PLACES:
-        if os.path.exists(os.path.join(folder, place)):
-            return Path(folder, place)
-    wanted = f"a calibration file, or a folder with {' or '.join(_PLACES)}"
-    raise bad_input(folder, "is a folder without a known calibration", wanted)
+_FISHEYE = ("equidistant", "equi", "kannala-brandt", "fisheye")
 
 
 def is_euroc(source: Source) -> bool:
@@ -68,8 +49,8 @@ def read_euroc(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If the right camera's file is not there, a value is missing or out of range, or the lens is no pinhole with
-        Brown's distortion.
+        If the right camera's file is not there, a value is missing or out of range, or the lens is neither a pinhole
+        with Brown's distortion nor an equidistant fisheye.
 
     Examples
     --------
@@ -90,7 +71,6 @@ def read_euroc(source: Source, size: Size | None = None) -> Calibration:
     """
     path = _right_file(source.path)
     right = Source(path, read_mapping(path, "the sensor.yaml of the right camera"), "cam1.")
-    check_lens(right)
     left = Source(source.path, source.values, "cam0.")
     sides = _side(left), _side(right)
     agreed_size(left, sides[0], size)
@@ -104,15 +84,19 @@ def _side(source: Source) -> Found:
     if kind != "camera":
         raise source.wrong("sensor_type", kind, "camera")
     _check_model(source, "camera_model", ("pinhole",))
-    _check_model(source, "distortion_model", _BROWN)
-    lens = from_list(source, "intrinsics") | distortion(source, "distortion_coefficients", 4, 5)
-    return lens | size_from_list(source, "resolution")
+    model = _check_model(source, "distortion_model", (*_BROWN, *_FISHEYE))
+    if model in _FISHEYE:
+        lens = coefficients(source, "distortion_coefficients", "equidistant", source.label("distortion_model"))
+    else:
+        lens = distortion(source, "distortion_coefficients", 4, 5)
+    return from_list(source, "intrinsics") | lens | size_from_list(source, "resolution")
 
 
-def _check_model(source: Source, key: str, known: tuple[str, ...]) -> None:
-    model = source.text(key, known[0])
-    if model.lower() not in known:
-        raise source.wrong(key, model, f"{known[0]}: a pinhole camera with k1, k2, p1, p2")
+def _check_model(source: Source, key: str, known: tuple[str, ...]) -> str:
+    model = source.text(key, known[0]).lower()
+    if model not in known:
+        raise source.wrong(key, model, "a pinhole camera, radial-tangential (k1, k2, p1, p2) or equidistant")
+    return model
 
 
 def _right_file(path: PathLike) -> Path:

@@ -1,4 +1,4 @@
-"""OpenCV's FileStorage files, as its stereo calibration samples and their many descendants write them."""
+"""OpenCV's FileStorage files, YAML or XML, as its stereo calibration samples and their many descendants write them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import os
 import re
 from pathlib import Path
 
-from ._calibration import Calibration, raw, rectified
-from ._lens import check_lens
-from ._opencv_yaml import read_mapping
-from ._source import Source
-from ._values import (
+from .._calibration import Calibration, raw, rectified
+from .._lens import fisheye_key
+from .._opencv_yaml import read_mapping
+from .._source import Source
+from .._values import (
     OPENCV_COUNTS,
     Found,
     Size,
     agreed_size,
+    coefficients,
     distortion,
     from_camera_matrix,
     from_projections,
@@ -30,7 +31,7 @@ _LENSES = (
     ("K1", "D1", "K2", "D2"),
     ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2"),
 )
-_SIDES = (("image_width", "image_height"), ("imageWidth", "imageHeight"))
+_SIDES = (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("imageSize_width", "imageSize_height"))
 _SIZES = ("imageSize", "image_size", "size")
 _LONG = 5.0  # m; few rigs are as wide, but 60 is what one calibrated in mm says
 
@@ -56,7 +57,9 @@ def read_opencv(source: Source, size: Size | None = None) -> Calibration:
     """Read the raw cameras, or the rectified pair where the file has only ``P1`` and ``P2``.
 
     Lenses are ``M1 D1 M2 D2``, ``K1 D1 K2 D2`` or ``cameraMatrix1 distCoeffs1 ...``; ``x2 = R x1 + T``. They may be in
-    one file, or in two whose names differ in ``intrinsics`` and ``extrinsics``.
+    one file, or in two whose names differ in ``intrinsics`` and ``extrinsics``. Coefficients are Brown's, rational or
+    those with a thin prism, 4 to 14 of them; 4 of a fisheye (``cv2.fisheye``) where a key such as ``distortion_model:
+    equidistant`` or ``fisheye: 1`` names it.
 
     Parameters
     ----------
@@ -72,8 +75,7 @@ def read_opencv(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If a value is missing or out of range, the lens is a fisheye or needs more than five coefficients, or no image
-        size is known.
+        If a value is missing or out of range, another lens is named, the sensor is tilted, or no image size is known.
 
     Examples
     --------
@@ -89,11 +91,17 @@ def read_opencv(source: Source, size: Size | None = None) -> Calibration:
         remarks = ("P1 and P2 are of rectified images", *_unit(found["baseline"][0], "P2"))
         return rectified(found, KIND, remarks)
     K1, D1, K2, D2 = _names(lenses) or _LENSES[0]
-    one, two = (from_camera_matrix(lenses, K) | distortion(lenses, D, *OPENCV_COUNTS) for K, D in ((K1, D1), (K2, D2)))
+    named = next(filter(None, [fisheye_key(each) for each in (lenses, turn)]), None)
+    one, two = (from_camera_matrix(lenses, K) | _lens(lenses, D, named) for K, D in ((K1, D1), (K2, D2)))
     pixels = agreed_size(source, own, size)
     T_right_left = motion(rotation(turn, "R"), turn.vector("T", 3))
-    remarks = (*_unit(float(sum(T_right_left[:3, 3] ** 2) ** 0.5), "T"), *_four(lenses, D1, one))
+    remarks = (*_unit(float(sum(T_right_left[:3, 3] ** 2) ** 0.5), "T"), *_four(lenses, D1, one, named))
     return raw(source, (one | pixels, two | pixels), (T_right_left, "R, T"), KIND, remarks)
+
+
+def _lens(source: Source, key: str, named: str | None) -> Found:
+    """Coefficients of a fisheye, if some key named it, else of a pinhole's lens."""
+    return coefficients(source, key, "equidistant", named) if named else distortion(source, key, *OPENCV_COUNTS)
 
 
 def _names(source: Source) -> tuple[str, str, str, str] | None:
@@ -111,7 +119,6 @@ def _pair(source: Source) -> tuple[Source, Source]:
         where = f"or in {path.name}" if path else "or in extrinsics.yml beside intrinsics.yml"
         raise source.error(f"lacks {lacking}, expected them in it {where}")
     other = Source(path, read_mapping(path, "the other half of a calibration of OpenCV"))
-    check_lens(other)
     return (source, other) if has_lenses else (other, source)
 
 
@@ -135,9 +142,9 @@ def _unit(baseline: float, key: str) -> tuple[str, ...]:
     return (f"{key} names no unit and is taken as metres{hint}",)
 
 
-def _four(source: Source, key: str, lens: Found) -> tuple[str, ...]:
+def _four(source: Source, key: str, lens: Found, named: str | None) -> tuple[str, ...]:
     """What to know of four coefficients: a lens model that is not named can be either."""
-    if "k3" in lens or not any(lens[name][0] for name in ("k1", "k2", "p1", "p2")):
+    if named or "k3" in lens or not any(lens[name][0] for name in ("k1", "k2", "p1", "p2")):
         return ()
     said = f"{source.label(key)} has 4 coefficients and no lens model is named: they are read as k1, k2, p1, p2"
     return (f"{said}; those of a fisheye lens (cv2.fisheye) would be read wrongly",)

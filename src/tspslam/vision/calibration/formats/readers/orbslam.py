@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from ._calibration import Calibration, Remarks, raw, rectified
-from ._source import Source
-from ._values import (
+from .....types import LENSES, FloatArray
+from .._calibration import Calibration, Remarks, raw, rectified
+from .._source import Source
+from .._values import (
     OPENCV_COUNTS,
     Found,
     Size,
     agreed_size,
+    beside,
+    check_rotation,
     checked,
     distortion,
     from_camera_matrix,
@@ -19,10 +22,11 @@ from ._values import (
     pose,
     rotation,
     size_from_keys,
+    with_lens,
 )
 
 KIND = "ORB-SLAM settings"
-_PINHOLE, _RECTIFIED = "PinHole", "Rectified"
+_PINHOLE, _RECTIFIED, _FISHEYE = "PinHole", "Rectified", "KannalaBrandt8"
 _NEEDED = ("k1", "k2", "p1", "p2")
 _FURTHER = ("k4", "k5", "k6")
 
@@ -46,8 +50,9 @@ def read_orbslam(source: Source, size: Size | None = None) -> Calibration:
     """Read a stereo pair of settings.
 
     ``LEFT.K, LEFT.D, LEFT.R, LEFT.P`` and ``RIGHT.*`` (ORB-SLAM2), or ``Camera1.*``, ``Camera2.*`` and
-    ``Stereo.T_c1_c2``, which maps points of camera 2 to camera 1 (ORB-SLAM3), are a raw pair. ``Camera.*`` with
-    ``Camera.bf``, focal length times baseline, or ``Camera1.*`` with ``Stereo.b`` are a rectified one.
+    ``Stereo.T_c1_c2``, which maps points of camera 2 to camera 1 (ORB-SLAM3; ``Tlr`` in its earlier files), are a raw
+    pair, of pinholes or of fisheyes (``KannalaBrandt8``, k1 to k4). ``Camera.*`` with ``Camera.bf``, focal length times
+    baseline, or ``Camera1.*`` with ``Stereo.b`` are a rectified one.
 
     Parameters
     ----------
@@ -63,8 +68,8 @@ def read_orbslam(source: Source, size: Size | None = None) -> Calibration:
     Raises
     ------
     InputError
-        If a value is missing or out of range, the lens is neither PinHole nor Rectified, a rectified camera is
-        distorted, or no image size is known.
+        If a value is missing or out of range, the lens is none of PinHole, Rectified and KannalaBrandt8, a rectified
+        camera is distorted, or no image size is known.
 
     Examples
     --------
@@ -77,15 +82,16 @@ def read_orbslam(source: Source, size: Size | None = None) -> Calibration:
     if "LEFT.K" in source or "RIGHT.K" in source:
         return _unrectified(source, size)
     name = "Camera1." if any(str(key).startswith("Camera1.") for key in source.values) else "Camera."
-    if kind == _PINHOLE and ("Stereo.T_c1_c2" in source or name == "Camera1."):
-        return _chained(source, name, size)
+    has_pose = "Stereo.T_c1_c2" in source or "Tlr" in source
+    if kind == _FISHEYE or (kind == _PINHOLE and (has_pose or name == "Camera1.")):
+        return _chained(source, name, size, kind)
     return _rectified(source, name, size)
 
 
 def _model(source: Source) -> str:
     kind = source.text("Camera.type", _PINHOLE) if "Camera.type" in source else _PINHOLE
-    if kind not in (_PINHOLE, _RECTIFIED):
-        raise source.wrong("Camera.type", kind, f"{_PINHOLE} or {_RECTIFIED}")
+    if kind not in (_PINHOLE, _RECTIFIED, _FISHEYE):
+        raise source.wrong("Camera.type", kind, f"{_PINHOLE}, {_RECTIFIED} or {_FISHEYE}")
     return kind
 
 
@@ -106,12 +112,25 @@ def _baseline(source: Source, fx: float, fx_key: str) -> Found:
     return checked(source, {"baseline": (source.number(key) / fx, f"{key} / {fx_key}")})
 
 
-def _chained(source: Source, name: str, size: Size | None) -> Calibration:
-    sides = [from_keys(source, each) | _brown(source, each) for each in (name, "Camera2.")]
+def _chained(source: Source, name: str, size: Size | None, kind: str) -> Calibration:
+    read = _fisheye if kind == _FISHEYE else _brown
+    sides = [from_keys(source, each) | read(source, each) for each in (name, "Camera2.")]
     pixels = agreed_size(source, _size(source), size)
-    T_right_left = inverse(pose(source, "Stereo.T_c1_c2"))
-    origin = "inverse of Stereo.T_c1_c2"
-    return raw(source, (sides[0] | pixels, sides[1] | pixels), (T_right_left, origin), KIND, _remarks(source))
+    return raw(source, (sides[0] | pixels, sides[1] | pixels), _pose(source), KIND, _remarks(source))
+
+
+def _pose(source: Source) -> tuple[FloatArray, str]:
+    """T_right_left and where it comes from."""
+    if "Tlr" in source and "Stereo.T_c1_c2" not in source:
+        T = source.matrix("Tlr", 3, 4)
+        check_rotation(source, "Tlr", T[:, :3])
+        return inverse(motion(T[:, :3], T[:, 3].tolist())), "inverse of Tlr"
+    return inverse(pose(source, "Stereo.T_c1_c2")), "inverse of Stereo.T_c1_c2"
+
+
+def _fisheye(source: Source, name: str) -> Found:
+    """Coefficients of a lens of Kannala and Brandt."""
+    return with_lens(from_keys(source, name, LENSES["equidistant"]), "equidistant", "Camera.type")
 
 
 def _brown(source: Source, name: str) -> Found:
@@ -132,8 +151,7 @@ def _unrectified(source: Source, size: Size | None) -> Calibration:
         lens = from_camera_matrix(source, f"{name}.K") | distortion(source, f"{name}.D", *OPENCV_COUNTS)
         sides.append(lens | agreed_size(source, own, size))
     baseline = from_projections(source, "LEFT.P", "RIGHT.P")["baseline"][0]
-    R_left, R_right = rotation(source, "LEFT.R"), rotation(source, "RIGHT.R")
-    T_right_left = motion(R_right.T @ R_left, (R_right.T @ (-baseline, 0, 0)).tolist())
+    T_right_left = beside(rotation(source, "LEFT.R"), rotation(source, "RIGHT.R"), baseline)
     unused = "the cameras before rectification are read; Camera.fx, Camera.bf and so on describe them after it"
     origin = "LEFT.R, RIGHT.R, RIGHT.P"
     return raw(source, (sides[0], sides[1]), (T_right_left, origin), KIND, (unused, *_remarks(source)))

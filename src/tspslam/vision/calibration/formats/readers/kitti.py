@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ...._files import PathLike, bad_input
-from ...._text import is_comment, separators_of
-from ._calibration import Calibration, Remarks, raw, rectified
-from ._source import Source
-from ._values import (
+from ....._files import PathLike, bad_input
+from ....._text import is_comment, separators_of
+from .._calibration import Calibration, Remarks, raw, rectified
+from .._source import Source
+from .._values import (
     Found,
     Size,
     agreed_size,

@@ -1,0 +1,147 @@
+"""Factory calibrations of ZED cameras (``SN12345.conf``): sections of each resolution, in px and mm."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from ....._files import PathLike, bad_input
+from .....types import FloatArray
+from .._calibration import Calibration, raw
+from .._source import Source, plain_value
+from .._values import DISTORTION, Found, Size, agreed_size, checked, from_keys, motion, with_lens
+
+KIND = "ZED calibration"
+_SECTION = re.compile(r"^[ \t]*\[(LEFT|RIGHT)_CAM_\w+\]", re.MULTILINE)
+_SIZES = {
+    (2208, 1242): "2K",
+    (1920, 1200): "FHD1200",
+    (1920, 1080): "FHD",
+    (1280, 720): "HD",
+    (960, 600): "SVGA",
+    (672, 376): "VGA",
+}
+"""Sizes of one image, px, and what the sections of each are named."""
+_FURTHER = ("k4", "k5", "k6")
+_SHIFTS = ("TY", "TZ")
+_MILLIMETRE = 1e-3  # m
+
+
+def is_zed(text: str) -> bool:
+    """Tell whether a text has a section of a ZED's camera.
+
+    Parameters
+    ----------
+    text : str
+        Of a file.
+
+    Returns
+    -------
+    bool
+    """
+    return _SECTION.search(text) is not None
+
+
+def parse_zed(text: str, path: PathLike) -> Source:
+    """Return the lines ``key=number`` of a file, each named by its section, such as ``LEFT_CAM_HD.fx``.
+
+    Parameters
+    ----------
+    text : str
+        Of the file.
+    path : str or path
+        Its name, for errors.
+
+    Returns
+    -------
+    Source
+    """
+    values: dict[Any, Any] = {}
+    section = ""
+    for number, line in enumerate(text.split("\n"), 1):
+        said = line.partition(";")[0].partition("#")[0].strip()
+        key, sign, rest = said.partition("=")
+        name = f"{section}{key.strip()}"
+        if said.startswith("[") and said.endswith("]"):
+            section = f"{said[1:-1].strip()}."
+        elif said and (not sign or not key.strip() or name in values):
+            what = f"the key {name[:40]!r} twice" if name in values else f"the line {said[:40]!r}"
+            raise bad_input(path, f"line {number} holds {what}", "sections in brackets, and lines key=number")
+        elif said:
+            values[name] = plain_value(rest.strip())
+    return Source(path, values)
+
+
+def read_zed(source: Source, size: Size | None = None) -> Calibration:
+    r"""Read the pair of one resolution, which the size of the images chooses.
+
+    The right camera is turned by the rotation vector ``(RX, CV, RZ)`` and displaced by ``(Baseline, TY, TZ)`` mm.
+
+    Parameters
+    ----------
+    source : Source
+        The lines of the file.
+    size : (width, height), optional
+        Of one image, px; needed where the file is of more than one resolution.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        If the resolution is not known, or a value is missing or out of range.
+
+    Examples
+    --------
+    >>> lens = "fx=700\nfy=700\ncx=640\ncy=360\nk1=-0.17\nk2=0.03\n"
+    >>> text = f"[LEFT_CAM_HD]\n{lens}[RIGHT_CAM_HD]\n{lens}[STEREO]\nBaseline=120\nRX_HD=0\nCV_HD=0\nRZ_HD=0\n"
+    >>> read_zed(parse_zed(text, "SN1.conf"), (1280, 720)).cameras.T_right_left[0]
+    (1.0, 0.0, 0.0, -0.12)
+    """
+    pixels, name = _resolution(source, size)
+    found: Found = agreed_size(source, None, pixels) if size else _told(pixels, name)
+    left, right = (_side(source, f"{side}_CAM_{name}.") | found for side in ("LEFT", "RIGHT"))
+    return raw(source, (left, right), _pose(source, name), f"{KIND} ({name})")
+
+
+def _told(pixels: Size, name: str) -> Found:
+    return {side: (value, f"the size of {name}") for side, value in zip(("width", "height"), pixels, strict=True)}
+
+
+def _resolution(source: Source, size: Size | None) -> tuple[Size, str]:
+    """Size of the images and the name of its sections."""
+    known = {pixels: name for pixels, name in _SIZES.items() if f"LEFT_CAM_{name}.fx" in source}
+    listed = ", ".join(f"{name} ({width} x {height})" for (width, height), name in known.items()) or "no size that is known"
+    if size is None:
+        if len(known) != 1:
+            raise source.error(f"is for images of {listed}, expected the size of one of them (--size, or size=)")
+        size = next(iter(known))
+    if size not in known:
+        raise source.error(f"is for images of {listed}, but {size[0]} x {size[1]} px are given, expected one of these")
+    return size, known[size]
+
+
+def _side(source: Source, prefix: str) -> Found:
+    given = [name for name in (*DISTORTION, *_FURTHER) if f"{prefix}{name}" in source]
+    found = from_keys(source, prefix) | from_keys(source, prefix, given)
+    is_rational = any(found[name][0] != 0 for name in _FURTHER if name in found)
+    if not is_rational:
+        return {name: each for name, each in found.items() if name not in _FURTHER}
+    return with_lens(found, "rational", f"{prefix}k4, k5, k6")
+
+
+def _pose(source: Source, name: str) -> tuple[FloatArray, str]:
+    import cv2
+
+    keys = [f"STEREO.{each}_{name}" for each in ("RX", "CV", "RZ")]
+    vector = np.array([source.number(key) for key in keys])
+    if np.linalg.norm(vector) > np.pi:
+        raise source.error(f"{', '.join(keys)} turn by {np.linalg.norm(vector):.3g}, expected radians up to pi")
+    R = np.asarray(cv2.Rodrigues(vector)[0], np.float64)
+    baseline = checked(source, {"baseline": (source.number("STEREO.Baseline") * _MILLIMETRE, "STEREO.Baseline / 1000")})
+    further = [-_MILLIMETRE * source.number(f"STEREO.{key}") if f"STEREO.{key}" in source else 0.0 for key in _SHIFTS]
+    return motion(R, [-baseline["baseline"][0], *further]), f"STEREO.Baseline, TY, TZ / 1000, {', '.join(keys)}"
