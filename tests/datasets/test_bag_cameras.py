@@ -65,7 +65,7 @@ def test_a_calibration_goes_before_camera_infos(tmp_path, pairs):  # noqa: F811
     path = write(tmp_path / "a.bag", ros, drive(ros, pairs, RAW, **zeros))
     one_line_error(lambda: RosbagSequence(path), "expected a focal length")
     save_cameras(LENSES, tmp_path / "calib.yaml")
-    assert RosbagSequence(path, calib=tmp_path / "calib.yaml")._rectify is not None
+    assert RosbagSequence(path, calib=tmp_path / "calib.yaml")._reader.rectify is not None
 
 
 @pytest.mark.parametrize("topics", [(LEFT, RIGHT), RAW])
@@ -76,7 +76,7 @@ def test_images_that_are_known_to_be_rectified_are_not_rectified_again(tmp_path,
     said = f"raw.yaml: is of raw cameras, but images on {topics[0]} and {topics[1]} are rectified already"
     one_line_error(lambda: RosbagSequence(path, calib=tmp_path / "raw.yaml"), said)
     assert RosbagSequence(path, calib=tmp_path / "rectified.yaml").rig == RIG
-    assert RosbagSequence(path)._rectify is None
+    assert RosbagSequence(path)._reader.rectify is None
 
 
 def test_topics_are_named(tmp_path, pairs):  # noqa: F811

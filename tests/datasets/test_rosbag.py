@@ -25,7 +25,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from tspslam import datasets
-from tspslam.datasets import RosbagSequence, _ros, open_sequence, synthetic
+from tspslam.datasets import RosbagSequence, _encodings, _ros, open_sequence, synthetic
 from tspslam.errors import InputError
 from tspslam.types import Rig
 from tspslam.vision.calibration.rectify import rectification
@@ -258,7 +258,7 @@ def test_every_encoding_gives_its_pixels(encoding, big, pad):
     shape, dtype, wanted = ENCODINGS[encoding]
     pixels = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (5, 7, *shape), dtype, endpoint=True)
     step = pixels[0].nbytes + pad
-    read = _ros.image_of(raw_image(KINDS["ros1"], START, pixels, encoding, big=big, step=step), _ros.IMAGE)
+    read = _encodings.image_of(raw_image(KINDS["ros1"], START, pixels, encoding, big=big, step=step), _ros.IMAGE)
     assert read.dtype == dtype
     assert read.dtype.isnative
     np.testing.assert_array_equal(read, pixels[wanted])
@@ -270,7 +270,7 @@ def test_a_bayer_mosaic_becomes_colour(order):
     mosaic = np.zeros((8, 10), np.uint8)
     for k, letter in enumerate(order):
         mosaic[k // 2 :: 2, k % 2 :: 2] = colour["rgb".index(letter)]
-    read = _ros.image_of(raw_image(KINDS["ros1"], START, mosaic, f"bayer_{order}8", step=13), _ros.IMAGE)
+    read = _encodings.image_of(raw_image(KINDS["ros1"], START, mosaic, f"bayer_{order}8", step=13), _ros.IMAGE)
     np.testing.assert_array_equal(read, np.broadcast_to(colour, (8, 10, 3)))
 
 
@@ -282,7 +282,7 @@ def test_compressed_images_are_decoded(tmp_path, pairs, kind):
     assert sequence.topics == topics
     assert sequence[1].left.tobytes() == pairs[1].left.tobytes()
     colour = np.full((48, 64, 3), (200, 100, 20), np.uint8)
-    read = _ros.image_of(packed_image(ros, START, colour, "jpeg", "bgr8; jpeg compressed bgr8"), _ros.COMPRESSED)
+    read = _encodings.image_of(packed_image(ros, START, colour, "jpeg", "bgr8; jpeg compressed bgr8"), _ros.COMPRESSED)
     assert np.abs(read.astype(int) - colour).max() < 6
 
 
@@ -293,6 +293,12 @@ def damaged(data):
 def encoded(suffix, **more):
     held = io.BytesIO()
     Image.fromarray(np.random.default_rng(2).integers(0, 255, (64, 64), np.uint8)).save(held, suffix, **more)
+    return held.getvalue()
+
+
+def coloured(suffix):
+    held = io.BytesIO()
+    Image.new("RGB", (8, 8), (200, 10, 10)).save(held, suffix)
     return held.getvalue()
 
 
@@ -313,7 +319,14 @@ def held(data, said="jpeg"):
 
 
 BAD_IMAGES = {
-    "has the encoding 'bayer_rggb16'": said(encoding="bayer_rggb16"),
+    "has the encoding 'bayer_rgbw8'": said(encoding="bayer_rgbw8"),
+    "has the encoding '32FC1', not one of": said(encoding="32FC1"),
+    "no luminance": said(encoding="32FC1"),
+    "is 5 x 4 px of yuv422, where colour that pixels share": said(
+        encoding="yuv422", width=5, step=10, data=np.zeros(40, np.uint8)
+    ),
+    "is 6 x 3 px of nv12": said(encoding="nv12", height=3),
+    "24 bytes of data and a step of 6, where 6 x 4 px of nv21 go with": said(encoding="nv21"),
     "is a Bayer mosaic of 6 x 2 px": said(encoding="bayer_rggb8", height=2, data=np.zeros(12, np.uint8)),
     "has the encoding ''": said(encoding=""),
     "is 0 x 4 px": said(width=0),
@@ -332,8 +345,10 @@ BAD_IMAGES = {
     "is 7000 x 9999 px": held(huge_png(7000, 9999)),
     "has more than 64000000 px": held(huge_png(2**31 - 1, 2**31 - 1)),
     "cannot be decoded": held(encoded("jpeg")[:-40]),
-    "has the format 'bayer_rggb8; jpeg compressed'": held(encoded("jpeg"), "bayer_rggb8; jpeg compressed"),
-    "a Bayer mosaic": held(encoded("jpeg"), "bgr8; jpeg compressed bayer_rggb8"),
+    "has the format 'bayer_rgbw8; jpeg compressed': another order of colours": held(
+        encoded("jpeg"), "bayer_rgbw8; jpeg compressed"
+    ),
+    "an image in colour, not a grey mosaic": held(coloured("jpeg"), "bayer_rggb8; jpeg compressed"),
 }
 
 
@@ -341,18 +356,18 @@ BAD_IMAGES = {
 def test_a_bad_image_is_refused_before_its_memory_is_taken(wanted):
     message = BAD_IMAGES[wanted]
     kind = _ros.COMPRESSED if hasattr(message, "format") else _ros.IMAGE
-    one_line_error(lambda: _ros.image_of(message, kind), wanted)
+    one_line_error(lambda: _encodings.image_of(message, kind), wanted)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_a_bad_image_spoils_its_pair_alone_and_is_named(tmp_path, pairs, kind):
     ros = KINDS[kind]
     topics = drive(ros, pairs)
-    topics[RIGHT][1].encoding = "yuv422"
+    topics[RIGHT][1].encoding = "yuv411"
     topics[LEFT][2] = raw_image(ros, START + 2 * STEP, pairs[2].left[:, :60])
     sequence = RosbagSequence(write(tmp_path / ros.name, ros, topics))
     assert sequence[0].index == 0
-    line = one_line_error(lambda: sequence[1], "has the encoding 'yuv422'")
+    line = one_line_error(lambda: sequence[1], "has the encoding 'yuv411'")
     assert line.startswith(f"{tmp_path / ros.name}: the image on {RIGHT} at {START + STEP} ns")
     line = one_line_error(lambda: sequence[2], "left image is 60 x 48 px, right 64 x 48 px")
     assert line.startswith(f"{tmp_path / ros.name}: {START + 2 * STEP}: ")
@@ -511,7 +526,7 @@ def test_raw_images_are_rectified(tmp_path, pairs, kind):
     sequence = RosbagSequence(write(tmp_path / ros.name, ros, topics))
     x = np.array([0.3, -0.2, 4.0])  # in the left camera's frame
     beside = R[1].T @ (R[0] @ x - (RIG.baseline, 0, 0))
-    raw = sequence._rectify.raw
+    raw = sequence._reader.rectify.raw
     np.testing.assert_allclose(raw.matrix @ (*x, 1), (*beside, 1), atol=1e-12)
     assert (raw.left.fx, raw.left.fy, raw.left.cx, raw.left.distortion) == (70, 71, 32, PLUMB)
     made = rectification(raw)
@@ -524,7 +539,7 @@ def test_raw_images_are_rectified(tmp_path, pairs, kind):
 @pytest.mark.parametrize("lens", [{"R": turn(0.02)}, {"K": [[62, 0, 31], [0, 61, 23.5], [0, 0, 1]]}])
 def test_a_turn_or_another_k_alone_is_rectified_too(tmp_path, pairs, lens):
     sequence = RosbagSequence(write(tmp_path / "a.bag", KINDS["ros1"], drive(KINDS["ros1"], pairs, RAW, **lens)))
-    assert sequence._rectify is not None
+    assert sequence._reader.rectify is not None
 
 
 BAD_CAMERAS = {
@@ -627,7 +642,7 @@ def test_messages_too_short_for_a_stamp_or_gone_are_refused(tmp_path, pairs):
     ros = KINDS["sqlite3"]
     path = write(tmp_path / "drive", ros, drive(ros, pairs))
     sequence = RosbagSequence(path)
-    sequence._times[0] = dict.fromkeys(sequence._times[0], START + 9 * STEP)
+    sequence._stored._times[0] = dict.fromkeys(sequence._stored._times[0], START + 9 * STEP)
     one_line_error(lambda: sequence[0], f"the image on {LEFT} at {START} ns is gone")
     with sqlite3.connect(path / "drive.db3") as base:
         topic = base.execute("SELECT id FROM topics WHERE name = ?", (RIGHT,)).fetchone()[0]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..errors import InputError
+from ..printing import note, remarks_as_json
 from ._progress import progress
 from ._shared import (
     BitsOption,
     ConfigOption,
+    FpsOption,
     JsonOption,
     OutOption,
     PresetOption,
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
 @app.command("run")
 def run_command(
     source: Annotated[
-        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
+        list[Path] | None, typer.Argument(help="LEFT RIGHT images or folders, or a folder or bag of a sequence.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     topics: TopicsOption = None,
@@ -42,6 +45,7 @@ def run_command(
         float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
     ] = None,
     bits: BitsOption = None,
+    fps: FpsOption = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
@@ -64,15 +68,19 @@ def run_command(
         raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
-    if topics and (depth or disparity or len(source or []) != 1):
+    if topics and (depth or disparity or not source):
         raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
+    if fps is not None and (depth or disparity or not source):
+        raise typer.BadParameter("goes with a folder of images", param_hint="--fps")
     if depth or disparity:
         pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
     elif unit is not None or unknown is not None:
         hint = "--unknown" if unit is None else "--unit"
         raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
-        pairs = _open_source(source or [], calib, topics, bits)
+        pairs = _open_source(source or [], calib, topics, bits, fps)
+    with remarks_as_json() if as_json else contextlib.nullcontext():
+        note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
@@ -115,11 +123,19 @@ def filter_command(
     finish(result, as_json)
 
 
-def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
+def _open_source(
+    paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None, fps: float | None
+) -> Source:
     from .. import datasets
+    from ..datasets.layouts import are_parts
     from ..run.pipeline import OnePair
 
+    if are_parts(paths):
+        return datasets.open_sequence(paths, calib=calib, topics=topics, bits=bits, fps=fps)
     if len(paths) == 2:
+        if topics or fps is not None:
+            hint = "--topics" if topics else "--fps"
+            raise typer.BadParameter("does not go with a pair of images", param_hint=hint)
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
         return OnePair(datasets.read_pair(paths[0], paths[1], calib, bits=bits))
@@ -130,8 +146,9 @@ def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] 
     if not paths:
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
-        raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits)
+        said = f"{len(paths)} paths, expected a pair of images or of folders, one folder, or files of one bag"
+        raise typer.BadParameter(said, param_hint="SOURCE")
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, fps=fps)
 
 
 def _open_map(

@@ -18,7 +18,6 @@ from ..io.images import image_size
 from ..types import FloatArray, IntArray, RawRig, Rig, StereoPair
 from ._kinds import only_images
 from ._reader import FileReader
-from .folder import _natural
 
 NANOSECONDS = 10**9
 _LARGEST_TEXT = 1 << 28  # bytes
@@ -206,13 +205,19 @@ def check_stamps(path: Path, stamps: FloatArray, unit: str, lines: Sequence[int]
         raise bad_input(path, said, f"{unit}, {_SHORTEST:g} to {_LONGEST:g} s apart")
 
 
+def natural(name: str) -> list[tuple[int, int, str]]:
+    """Return a sort key that compares runs of digits as numbers."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", name)
+    return [(0, int(part), part) if part[0] in "0123456789" else (1, 0, part) for part in parts]
+
+
 def images_in(folder: Path) -> dict[str, Path]:
     """Image files of a folder by name, in natural order; hidden files are passed over, and others beside them."""
     try:
         files = list(folder.iterdir())
     except (OSError, ValueError) as error:
         raise bad_input(folder, "is missing", "a folder of images") from error
-    return {file.name: file for file in sorted(only_images(folder, files), key=lambda file: _natural(file.name))}
+    return {file.name: file for file in sorted(only_images(folder, files), key=lambda file: natural(file.name))}
 
 
 def numbered(folder: Path) -> dict[int, Path]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,16 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from .._files import bad_input, one_line, reason_of
+from .._files import bad_input, one_line
 from ..errors import InputError
-from ..io.images import _DECODER_ERRORS, _check_png, _check_size, _open_header, _quiet, load_pixels
-from ..types import Image, RawRig, Rig
+from ..types import RawRig, Rig
 from ..vision.calibration.formats._camera_info import Keys, from_camera_infos
 from ..vision.calibration.formats._source import Source
+from ._encodings import COMPRESSED
 
-IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 _SIDES = (
     ("left", "right"),
@@ -36,23 +33,6 @@ _MAX_LISTED, _LONGEST_NAME = 20, 80
 _FILES = (".bag", ".mcap", ".db3")
 STORED = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")  # in a folder of ROS 2
 _FIELDS = ("width", "height", "distortion_model", "D", "K", "R", "P")  # of a CameraInfo, as `Keys` has them
-_SMALLEST_MOSAIC = 3  # px a side
-_PADDED, _PADDING = 2, 4096  # of a row: one image of two side by side, and bytes to the end of a page of memory
-_GREY, _RGB, _BGR = (0,), (0, 1, 2), (2, 1, 0)
-_ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
-    "mono8": ("u1", 1, _GREY),
-    "8UC1": ("u1", 1, _GREY),
-    "mono16": ("u2", 1, _GREY),
-    "16UC1": ("u2", 1, _GREY),
-    "rgb8": ("u1", 3, _RGB),
-    "bgr8": ("u1", 3, _BGR),
-    "rgba8": ("u1", 4, _RGB),
-    "bgra8": ("u1", 4, _BGR),
-}
-"""For each encoding: type of a value, values of a pixel, and which of them are grey or R, G, B."""
-_MOSAICS = {f"bayer_{order}8": f"COLOR_Bayer{order.upper()}2RGB" for order in ("rggb", "bggr", "gbrg", "grbg")}
-"""For each encoding of a Bayer mosaic: OpenCV's name of what makes it RGB."""
-_ENCODINGS |= dict.fromkeys(_MOSAICS, ("u1", 1, _GREY))
 
 
 def is_bag(path: Path) -> bool:
@@ -116,6 +96,8 @@ def sides(
     best = [pair for pair, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
     if len(best) != 1:
         said = f"has {len(best) or 'no'} pairs of topics with images that look like left and right"
+        if not found:
+            said += f"; its topics are {_listed([*(f'{topic} ({kind})' for topic, kind in kinds.items()), *others])}"
         raise bad_input(path, said, f"two to be given (--topics LEFT RIGHT), of {_listed(images)}")
     return best[0]
 
@@ -161,63 +143,10 @@ def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRi
         source = Source(path, values)
         return from_camera_infos(source, one, other, kind="CameraInfo", is_rectified=rectified).cameras
     except InputError as error:
-        raise _named(path, error) from error
+        raise named(path, error) from error
 
 
-def _named(path: Path, error: InputError) -> InputError:
+def named(path: Path, error: InputError) -> InputError:
+    """Return the error with the file that it is of, if it does not begin with that."""
     said = one_line(str(error))
-    return InputError(said if said.startswith(one_line(str(path))) else one_line(f"{path}: {said}"))
-
-
-def image_of(message: Any, kind: str) -> Image:
-    """Return the pixels of an image message, grey or RGB; the InputError says what is wrong, not where."""
-    return _compressed(message) if kind == COMPRESSED else _raw(message)
-
-
-def _raw(message: Any) -> Image:
-    encoding = str(message.encoding)
-    if encoding not in _ENCODINGS:
-        raise InputError(f"has the encoding {encoding[:40]!r}, not one of {', '.join(_ENCODINGS)}")
-    width, height, step = int(message.width), int(message.height), int(message.step)
-    _check_size((width, height))
-    kind, count, channels = _ENCODINGS[encoding]
-    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
-    used = width * count * dtype.itemsize
-    if not used <= step <= _PADDED * used + _PADDING or message.data.size != step * height:
-        said = f"{message.data.size} bytes of data and a step of {step}"
-        raise InputError(
-            f"has {said}, where {width} x {height} px of {encoding} go with a step of {used} or somewhat more"
-        )
-    rows = np.ascontiguousarray(message.data.reshape(height, step)[:, :used]).view(dtype)
-    if encoding in _MOSAICS:
-        return _coloured(rows, _MOSAICS[encoding])
-    if count == 1:
-        return rows.astype(dtype.newbyteorder("="))
-    return np.ascontiguousarray(rows.reshape(height, width, count)[..., channels])
-
-
-def _coloured(mosaic: Image, conversion: str) -> Image:
-    import cv2
-
-    if min(mosaic.shape) < _SMALLEST_MOSAIC:
-        said = f"{mosaic.shape[1]} x {mosaic.shape[0]} px"
-        raise InputError(f"is a Bayer mosaic of {said}, where at least {_SMALLEST_MOSAIC} a side go")
-    made: Image = cv2.cvtColor(mosaic, getattr(cv2, conversion))
-    return made
-
-
-def _compressed(message: Any) -> Image:
-    before, _, after = str(message.format).partition("compressed")
-    if "bayer" in (after.strip() or before):
-        raise InputError(f"has the format {message.format[:40]!r}: a Bayer mosaic, not grey or colour")
-    handle = io.BytesIO(message.data.tobytes())
-    try:
-        _check_png(handle)
-        with _quiet():
-            image = _open_header(handle)
-        if image.format not in ("JPEG", "PNG"):
-            raise InputError(f"is a {image.format}, not a JPEG or PNG")
-        _check_size(image.size)
-        return load_pixels(image, handle)
-    except _DECODER_ERRORS as error:
-        raise InputError(f"cannot be decoded ({reason_of(error)})") from error
+    return type(error)(said if said.startswith(one_line(str(path))) else one_line(f"{path}: {said}"))
