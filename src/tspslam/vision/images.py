@@ -177,7 +177,8 @@ def are_usable(usable: BoolArray | None, uv: FloatArray) -> BoolArray:
     is_number = np.isfinite(uv).all(axis=1)
     last = np.array(usable.shape[::-1]) - 1
     column, row = np.clip(np.rint(np.where(is_number[:, None], uv, 0)), 0, last).astype(np.int64).T
-    return np.asarray(usable[row, column] & is_number)
+    found: BoolArray = usable[row, column] & is_number
+    return found
 
 
 @dataclass(frozen=True, repr=False)

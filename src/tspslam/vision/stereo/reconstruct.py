@@ -18,7 +18,7 @@ from ..features.orb import OrbDetector
 from ..images import PreparedPair, are_usable, prepare
 from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptor_matcher import DescriptorMatcher
-from .matches import Matches
+from .matches import Matches, uv_right
 from .mismatch import explain_mismatch, refuse_one_picture_stored_twice
 from .row_matcher import RowMatcher
 from .triangulate import PIXEL_SIGMA, triangulate
@@ -206,8 +206,9 @@ def _drop_unseen(pair: PreparedPair, left: Features, matches: Matches) -> Matche
     if pair.usable is None:
         return matches
     rows = are_usable(pair.usable, uv_right(left.uv[matches.left_index], matches.disparity))
-    columns = ("left_index", "right_index", "disparity", "score")
-    return replace(matches, **{name: np.asarray(getattr(matches, name))[rows] for name in columns})
+    columns = (matches.left_index, matches.right_index, matches.disparity, matches.score)
+    offset = matches.vertical_offset_px, matches.vertical_offset_std_px
+    return Matches(*(column[rows] for column in columns), *offset)
 
 
 def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo:
