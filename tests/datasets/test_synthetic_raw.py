@@ -30,6 +30,7 @@ def test_rectified_pairs_show_what_a_pinhole_camera_sees(raw: RawRig) -> None:
     sequence = synthetic.RawSequence(scene, raw)
     straight = replace(scene, path=sequence.truth)
     pinhole = synthetic.SyntheticSequence(straight, sequence.rig)
+    assert sequence[0].valid is None  # both cameras fill it
     for pair, expected in ((sequence[0], pinhole[0]), (sequence[1], pinhole[1])):
         assert pair.stamp == expected.stamp
         for image, other in ((pair.left, expected.left), (pair.right, expected.right)):
@@ -49,7 +50,7 @@ def path_of(pairs: list[StereoPair]) -> StereoOdometry:
 
 
 def test_the_path_of_a_fisheye_camera_is_about_that_of_a_pinhole_camera() -> None:
-    scene = synthetic.corridor(6.0)
+    scene = synthetic.corridor(4.0)
     lens = replace(LENS, fx=150.0, fy=150.0)
     sequence = synthetic.RawSequence(scene, RawRig(lens, lens, T_RIGHT_LEFT, 120.0))
     pinhole = synthetic.SyntheticSequence(replace(scene, path=sequence.truth), sequence.rig)
@@ -62,8 +63,8 @@ def test_the_path_of_a_fisheye_camera_is_about_that_of_a_pinhole_camera() -> Non
         poses = odometry.trajectory.T_world_camera
         truth = np.linalg.inv(sequence.truth[0]) @ sequence.truth
         errors.append(float(np.sqrt(((poses[:, :3, 3] - truth[:, :3, 3]) ** 2).sum(axis=1).mean())))
-    print("ATE", errors)
-    assert errors[0] < max(4 * errors[1], 0.02)
+    assert errors[1] < 0.03
+    assert errors[0] < 3 * errors[1]
 
 
 def test_no_keypoint_of_a_wide_field_lies_near_its_border() -> None:

@@ -206,9 +206,13 @@ def _drop_unseen(pair: PreparedPair, left: Features, matches: Matches) -> Matche
     if pair.usable is None:
         return matches
     rows = are_usable(pair.usable, uv_right(left.uv[matches.left_index], matches.disparity))
-    columns = (matches.left_index, matches.right_index, matches.disparity, matches.score)
-    offset = matches.vertical_offset_px, matches.vertical_offset_std_px
-    return Matches(*(column[rows] for column in columns), *offset)
+    return replace(
+        matches,
+        left_index=np.asarray(matches.left_index)[rows],
+        right_index=np.asarray(matches.right_index)[rows],
+        disparity=np.asarray(matches.disparity)[rows],
+        score=np.asarray(matches.score)[rows],
+    )
 
 
 def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo:
