@@ -64,7 +64,7 @@ def test_the_path_of_a_fisheye_camera_is_about_that_of_a_pinhole_camera() -> Non
         truth = np.linalg.inv(sequence.truth[0]) @ sequence.truth
         errors.append(float(np.sqrt(((poses[:, :3, 3] - truth[:, :3, 3]) ** 2).sum(axis=1).mean())))
     assert errors[1] < 0.03
-    assert errors[0] < 3 * errors[1]
+    assert errors[0] < max(3 * errors[1], 0.03)
 
 
 def test_no_keypoint_of_a_wide_field_lies_near_its_border() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tspslam import Session, Settings, build_complex, build_map, reconstruct, sample_signals
 from tspslam.datasets import motorcycle, synthetic
-from tspslam.errors import InputError
+from tspslam.errors import GeometryError, InputError
 from tspslam.io import read_frame
 from tspslam.io.frames import read_frame_valid, write_frame
 from tspslam.run.record import pair_hash
@@ -119,6 +119,12 @@ def test_a_mask_of_all_pixels_changes_nothing() -> None:
 def test_a_mask_of_another_kind_or_size_is_refused(valid: object) -> None:
     with pytest.raises(InputError, match=r"valid is .*, expected bool of shape \(500, 741\)"):
         reconstruct(replace(motorcycle(), valid=valid))
+
+
+def test_a_mask_that_leaves_nothing_is_named() -> None:
+    given = motorcycle()
+    with pytest.raises(GeometryError, match=r"0 left and 0 right keypoints.*: 0 % of their pixels are far enough from"):
+        reconstruct(replace(given, valid=np.zeros(given.left.shape[:2], bool)))
 
 
 def test_signals_of_what_was_not_seen_are_none() -> None:

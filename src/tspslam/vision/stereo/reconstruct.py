@@ -240,13 +240,13 @@ def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset
     return RowMatcher(max_disparity=max_disparity)
 
 
-def _require_features(pair: StereoPair, left: Features, right: Features) -> None:
+def _require_features(pair: PreparedPair, left: Features, right: Features) -> None:
     for features in (left, right):
         _check_features(features)
     if min(len(left.uv), len(right.uv)) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
-            f"the images have too little texture{_darkness(pair)}"
+            f"the images have too little texture{_darkness(pair)}{_blindness(pair)}"
         )
 
 
@@ -285,6 +285,12 @@ def _darkness(pair: StereoPair) -> str:
         if 0 < brightest < _DARK:
             return f": the brightest pixel of the {side} one is {brightest} of 65535; do they use fewer bits (--bits)?"
     return ""
+
+
+def _blindness(pair: PreparedPair) -> str:
+    """Say that most pixels are too near to some that no camera saw; else nothing."""
+    share = 1.0 if pair.usable is None else float(pair.usable.mean())
+    return f": {100 * share:.0f} % of their pixels are far enough from what no camera saw" if share < 0.5 else ""
 
 
 def _quality(left: Features, right: Features, matches: Any, cloud: Cloud) -> StereoQuality:
