@@ -11,13 +11,13 @@ from scipy.spatial import Delaunay
 import tspslam
 from tspslam.topology.mahf import tangent_axes
 
-NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png", "worlds.png")
+NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png", "worlds.png", "lenses.png")
 
 
 def draw(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     frame = tspslam.Session(tspslam.datasets.motorcycle().rig).process(tspslam.datasets.motorcycle())
-    for name, figure in zip(NAMES, (hodge(), filters(frame), logmap(), cells(frame), worlds()), strict=True):
+    for name, figure in zip(NAMES, (hodge(), filters(frame), logmap(), cells(frame), worlds(), lenses()), strict=True):
         figure.savefig(folder / name, dpi=110, bbox_inches="tight")
         plt.close(figure)
 
@@ -169,4 +169,21 @@ def worlds() -> plt.Figure:
         depth = below.imshow(sequence.geometry(place).depth, norm=LogNorm(1, 100), cmap="viridis")
         above.set(title=scene.name, xticks=[], yticks=[])
     figure.colorbar(depth, ax=axes[1], shrink=0.9, label="z, m")
+    return figure
+
+
+def lenses() -> plt.Figure:
+    """A corridor through a fisheye lens, and rectified to two fields of view."""
+    synthetic = tspslam.datasets.synthetic
+    lens = tspslam.Camera(150, 150, 159.5, 119.5, 320, 240, (0.01, -0.005, 0.001, 0.0), lens="equidistant")
+    T_right_left = ((1, 0, 0, -0.2), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    raw = tspslam.RawRig(lens, lens, T_right_left)
+    images = list(synthetic.RawSequence(synthetic.corridor(10), raw).images(4))
+    figure, axes = plt.subplots(1, 3, figsize=(13, 3.4), layout="constrained")
+    axes[0].imshow(images[0], cmap="gray", vmin=0, vmax=255)
+    axes[0].set(title="through the lens", xticks=[], yticks=[])
+    for ax, degrees in zip(axes[1:], (80, 130), strict=True):
+        made = tspslam.rectification(tspslam.RawRig(lens, lens, T_right_left, degrees))
+        ax.imshow(made(*images)[0], cmap="gray", vmin=0, vmax=255)
+        ax.set(title=f"rectified to {degrees}°", xticks=[], yticks=[])
     return figure

@@ -81,8 +81,8 @@ SHARED = {"rig", "se3", "images"}  # files of `vision` that its rooms may stand 
 BELOW_IN_VISION = {
     "slam": {"stereo", "features"} | SHARED,
     "stereo": {"features", "rig", "images"},
-    "features": set(),
-    "calibration": {"rig"},
+    "features": {"images"},
+    "calibration": {"rig", "se3"},
     "visibility": {"_visibility", "rig"},
     "evaluate": {"se3"},
     "_visibility": set(),

@@ -167,7 +167,8 @@ class Frame:
     Raises
     ------
     InputError
-        If the pose is no (4, 4) array of finite numbers, or `landmark` no (N,) array of whole ones.
+        If the pose is no (4, 4) array of finite numbers, `landmark` no (N,) array of whole ones, or `valid` none of the
+        rig's size.
 
     Examples
     --------
@@ -211,6 +212,9 @@ class Frame:
         T, landmark = self.T_world_camera, self._known("landmark")
         if not (_is_array(T, "fiu", (4, 4)) and np.isfinite(T).all()):
             raise InputError(f"frame: T_world_camera is {told(T)}, expected (4, 4) finite numbers")
+        size, valid = (self.rig.height, self.rig.width), self.valid
+        if valid is not None and not _is_array(valid, "b", size):
+            raise InputError(f"frame: valid is {told(valid)}, expected {size} of True and False")
         if landmark is not None and not _is_array(landmark, "iu", np.shape(landmark)[:1]):
             raise InputError(f"frame: landmark is {told(landmark)}, expected (N,) whole numbers")
 

@@ -299,9 +299,9 @@ def _build_frame(pair: StereoPair, tracked: Tracked, stages: Settings) -> Frame:
     response = once("response", lambda: _checked(stages.filter(complex_(), cloud().uv, signals()), Response, "filter"))
     return Frame(
         pair.index, pair.stamp, pair.name, pair.rig, cloud, surface, complex_, signals, response,
-        image=pair.left, valid=pair.valid, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(cloud()),
+        image=pair.left, T_world_camera=tracked.T_world_camera, landmark=lambda: tracked.landmarks_of(cloud()),
         is_keyframe=tracked.is_keyframe, is_lost=tracked.is_lost, quality=lambda: stereo().quality, tracked=tracked,
-        seconds=seconds,
+        seconds=seconds, valid=pair.valid,
     )  # fmt: skip
 
 

@@ -174,10 +174,10 @@ def are_usable(usable: BoolArray | None, uv: FloatArray) -> BoolArray:
     """
     if usable is None:
         return np.ones(len(uv), np.bool_)
-    is_number = np.isfinite(uv).all(axis=1)
+    is_number = np.asarray(np.isfinite(uv).all(axis=1))
     last = np.array(usable.shape[::-1]) - 1
-    column, row = np.clip(np.rint(np.where(is_number[:, None], uv, 0)), 0, last).astype(np.int64).T
-    return np.asarray(usable[row, column] & is_number)
+    pixel = np.clip(np.rint(np.where(is_number[:, None], uv, 0)), 0, last).astype(np.int64)
+    return np.asarray(usable[pixel[:, 1], pixel[:, 0]] & is_number)
 
 
 @dataclass(frozen=True, repr=False)

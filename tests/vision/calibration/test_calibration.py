@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from tspslam._yaml import LARGEST_FILE
 from tspslam.errors import InputError, OutputError
-from tspslam.types import Camera, RawRig, Rig
+from tspslam.types import LENSES, Camera, RawRig, Rig
+from tspslam.vision.calibration.formats import read_calibration
 from tspslam.vision.calibration.formats.own import load_cameras, load_rig, save_cameras
+from tspslam.vision.calibration.show import described, unit_of
 
 GOOD = {"fx": "500.0", "fy": "500", "cx": "320", "cy": "240", "baseline": "0.1", "width": "640", "height": "480"}
 
@@ -54,6 +56,37 @@ def test_loading_inverts_saving_of_raw_cameras(tmp_path: Path) -> None:
     cameras = RawRig(left, replace(left, cx=np.float64(330.5)), tuple(map(tuple, turn.tolist())))
     save_cameras(cameras, tmp_path / "c.yaml")
     assert load_cameras(tmp_path / "c.yaml") == cameras
+
+
+COEFFICIENTS = {"double_sphere": (-0.2, 0.59), "eucm": (0.6, 1.1), "mei": (1.2, -0.2, 0.05, 0.001, -0.001)}
+
+
+@pytest.mark.parametrize("lens", sorted(LENSES))
+def test_every_lens_is_read_as_it_was_written(tmp_path: Path, lens: str) -> None:
+    distortion = COEFFICIENTS.get(lens, tuple(0.001 * k for k in range(len(LENSES[lens]))))
+    left = Camera(200.0, 201.0, 320.0, 240.0, 640, 480, distortion, lens=lens)
+    T = load_cameras(write(tmp_path, raw())).T_right_left
+    for right, field_of_view in ((left, 100.0), (Camera(200.0, 201.0, 320.0, 240.0, 640, 480), None)):
+        cameras = RawRig(left, right, T, field_of_view)
+        save_cameras(cameras, tmp_path / "calib.yaml")
+        assert load_cameras(tmp_path / "calib.yaml") == cameras
+        assert ("field_of_view" in (tmp_path / "calib.yaml").read_text()) == (field_of_view is not None)
+        assert read_calibration(tmp_path / "calib.yaml").cameras == cameras
+
+
+def test_a_lens_is_shown_with_its_coefficients_and_fields_of_view(tmp_path: Path) -> None:
+    lens = "{lens: equidistant, distortion: [0.01, 0, 0, 0], fx: 200, fy: 200, cx: 320, cy: 240}"
+    shown = described(write(tmp_path, raw(left=lens, right=lens, field_of_view="100")))["values"]
+    assert shown["left.lens"] == {"value": "equidistant", "origin": "left.lens"}
+    assert shown["right.k1"] == {"value": 0.01, "origin": "right.distortion[0]"}
+    assert shown["field_of_view"] == {"value": 100.0, "origin": "field_of_view"}
+    assert 160 < shown["left.field_of_view"]["value"] < 183
+    assert shown["rectified.field_of_view"]["value"] == pytest.approx(100, abs=0.2)  # between centres of pixels
+    assert unit_of("rectified.field_of_view") == "°"
+    assert "left.p1" not in shown
+    plain = described(write(tmp_path, raw()))["values"]
+    assert plain["left.lens"] == {"value": "brown", "origin": "by default"}
+    assert "field_of_view" not in plain
 
 
 def test_plain_numbers_are_read(tmp_path: Path) -> None:
@@ -130,6 +163,17 @@ def test_loading_inverts_saving(rig: Rig) -> None:
         (lines(baseline="1e290"), "baseline is 1e\\+290"),
         (lines(doffs="1e200"), "doffs is 1e\\+200"),
         (lines(fx="1e-300"), "fx is 1e-300"),
+        (
+            raw(left="{lens: fisheye}"),
+            "left.lens is 'fisheye', expected one of brown, rational, thin_prism, equidistant",
+        ),
+        (raw(left="{lens: [mei]}"), r"left.lens is \['mei'\], expected one of brown"),
+        (raw(left="{lens: eucm}"), r"left.distortion is missing, expected \[alpha, beta\]"),
+        (raw(left="{lens: mei, distortion: [1, 2]}"), r"left.distortion is .*, expected \[xi, k1, k2, p1, p2\]"),
+        (raw(left="{lens: eucm, distortion: [2, 1]}"), "left camera: alpha is 2.0, expected a number from 0 to 1"),
+        (raw(field_of_view="180"), "field_of_view, degrees, is 180.0, expected a number from 1 to 170"),
+        (raw(field_of_view="wide"), "field_of_view is 'wide', expected a number"),
+        (lines(field_of_view="90"), "unknown key 'field_of_view'"),
         (lines(cx="16:34"), "cx is '16:34', expected a number"),
         (lines(cx="0x1F"), "cx is '0x1F', expected a number"),
         ("<<: {fx: 1}\n", "unknown key '<<'"),

@@ -11,6 +11,7 @@ import pytest
 from tspslam.datasets import motorcycle_truth
 from tspslam.errors import GeometryError, InputError
 from tspslam.types import Camera, RawRig, StereoPair
+from tspslam.vision.calibration import lenses
 from tspslam.vision.calibration.rectify import camera_matrix, distort, rectification
 from tspslam.vision.rig import project
 from tspslam.vision.stereo.reconstruct import reconstruct_with_quality
@@ -164,3 +165,99 @@ def test_rows_of_a_real_raw_pair_agree() -> None:
         assert abs(quality.vertical_offset_px) < 0.3
         assert quality.vertical_offset_std_px < 0.3
         assert len(cloud) > 500
+
+
+FISHEYE = Camera(190.9, 190.8, 254.9, 256.9, 512, 512, (0.0034, 0.0007, -0.0021, 0.0002), lens="equidistant")
+SPHERE = Camera(158.3, 158.3, 254.9, 256.8, 512, 512, (-0.17, 0.59), lens="double_sphere")
+OMNI = Camera(480.0, 480.0, 255.0, 257.0, 512, 512, (1.5, -0.1, 0.05, 0.001, -0.001), lens="mei")
+WIDE = RawRig(FISHEYE, replace(FISHEYE, cx=252.6, cy=255.0), pose((0.01, -0.02, 0.005), (-0.101, 0.002, 0.001)))
+
+
+@pytest.mark.parametrize("raw", [
+    WIDE, replace(WIDE, field_of_view=90.0), replace(WIDE, right=SPHERE), replace(WIDE, left=OMNI, right=SPHERE),
+    replace(RAW, field_of_view=60.0), replace(WIDE, field_of_view=150.0),
+])  # fmt: skip
+def test_a_point_lies_where_the_maps_of_any_lens_say_and_on_one_row(raw: RawRig) -> None:
+    made, xyz = rectification(raw), scene(400)
+    rig = made.rig
+    left = xyz @ made.R_left.T
+    right = (xyz @ raw.matrix[:3, :3].T + raw.matrix[:3, 3]) @ made.R_right.T
+    assert np.abs(left - right - (rig.baseline, 0, 0)).max() < 1e-9
+    for side, points, camera, R, maps in (
+        ("left", left, raw.left, made.R_left, made._maps[0]), ("right", right, raw.right, made.R_right, made._maps[1])
+    ):  # fmt: skip
+        pixel = np.rint(project(rig, points)).astype(int)
+        pixel = pixel[((pixel >= 0) & (pixel < (rig.width, rig.height))).all(axis=1)]
+        ray = np.column_stack([(pixel - (rig.cx, rig.cy)) / rig.fx, np.ones(len(pixel))]) @ R
+        u, v = (each[pixel[:, 1], pixel[:, 0]] for each in maps)
+        assert len(pixel) > 100, side
+        assert np.abs(np.column_stack([u, v]) - lenses.project(camera, ray)).max() < 1e-4
+
+
+@pytest.mark.parametrize("raw", [RAW, WIDE])
+def test_both_cameras_are_turned_as_by_opencv(raw: RawRig) -> None:
+    made, K = rectification(replace(raw, field_of_view=80.0)), np.diag([400.0, 400.0, 1.0])
+    values = cv2.stereoRectify(
+        K, np.zeros(5), K, np.zeros(5), (640, 480), raw.matrix[:3, :3].copy(), raw.matrix[:3, 3:].copy()
+    )
+    assert np.abs(values[0] - made.R_left).max() < 1e-12
+    assert np.abs(values[1] - made.R_right).max() < 1e-12
+
+
+@pytest.mark.parametrize("degrees", [40.0, 90.0, 140.0])
+def test_a_stated_field_of_view_is_that_of_the_rectified_width(degrees: float) -> None:
+    rig = rectification(replace(WIDE, field_of_view=degrees)).rig
+    assert 2 * np.degrees(np.arctan(rig.width / 2 / rig.fx)) == pytest.approx(degrees, abs=1e-9)
+    assert (rig.cx, rig.cy, rig.width, rig.height, rig.fx) == (255.5, 255.5, 512, 512, rig.fy)
+
+
+def test_without_one_it_is_the_largest_that_both_fill_up_to_a_limit() -> None:
+    made = rectification(WIDE)
+    assert 2 * np.degrees(np.arctan(256 / made.rig.fx)) == pytest.approx(110, abs=1e-9)
+    assert made.valid.all()
+    narrow = replace(WIDE, left=replace(FISHEYE, fx=330.0, fy=330.0), right=replace(FISHEYE, fx=340.0, fy=340.0))
+    made = rectification(narrow)
+    found = 2 * np.degrees(np.arctan(256 / made.rig.fx))
+    assert 40 < found < 90
+    assert made.valid.all()
+    assert not rectification(replace(narrow, field_of_view=found + 1)).valid.all()
+
+
+def test_what_no_camera_saw_is_marked_and_black() -> None:
+    far = replace(FISHEYE, fx=330.0, fy=330.0)
+    made = rectification(replace(WIDE, left=far, right=far, field_of_view=120.0))
+    white = np.full((512, 512), 255, np.uint8)
+    left, right = made(white, white)
+    assert 0.2 < made.valid.mean() < 0.8
+    assert made.valid[256, 256]
+    assert not made.valid[0, 0]
+    inner = cv2.erode(made.valid.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    assert (left[inner] == 255).all()
+    assert (right[inner] == 255).all()
+    seen = [(u > -2) & (u < 513) & (v > -2) & (v < 513) for u, v in made._maps]
+    assert not left[~seen[0]].any()
+    assert not right[~seen[1]].any()
+
+
+def test_a_rational_lens_without_its_denominator_is_browns() -> None:
+    as_rational, as_prism = (
+        replace(RAW, **{
+            side: replace(getattr(RAW, side), lens=lens, distortion=(*CAMERA.distortion, *(0.0,) * zeros))
+            for side in ("left", "right")
+        })
+        for lens, zeros in (("rational", 3), ("thin_prism", 7))
+    )  # fmt: skip
+    for other in (as_rational, as_prism):
+        assert rectification(other).rig == rectification(RAW).rig
+        assert np.array_equal(rectification(other)._maps[0][0], rectification(RAW)._maps[0][0])
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"field_of_view": 150.0, "left": replace(FISHEYE, fx=900.0, fy=900.0)}, r"both cameras see .* % of the rectified image, expected at least 10 %"),
+    ({"left": replace(FISHEYE, cx=5000.0)}, "no field of view is seen by both cameras as a whole"),
+    ({"left": replace(FISHEYE, width=640)}, r"cameras have \(640, 512\) and \(512, 512\) px"),
+    ({"T_right_left": pose((0, 0, 0), (0.11, 0, 0))}, "expected it to the right"),
+])  # fmt: skip
+def test_what_cannot_be_rectified_to_a_field_of_view_is_named(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        rectification(replace(WIDE, **change))

@@ -7,8 +7,11 @@ A `Scene` is shapes and a camera's path; a `SyntheticSequence` takes pairs along
     pair     = sequence[0]               # as any other reader gives it
     geometry = sequence.geometry(0)      # depth, normal, label, disparity of each pixel of pair.left
     poses    = sequence.truth            # T_world_camera of every frame
+
+A `RawSequence` takes them through lenses, such as fisheyes, and rectifies them.
 """
 
+from .raw import RawSequence as RawSequence
 from .render import Geometry as Geometry
 from .scenes import corridor as corridor
 from .scenes import room as room
@@ -26,6 +29,6 @@ from .shapes import torus as torus
 from .texture import Texture as Texture
 
 __all__ = [
-    "PAPER_RIG", "Faults", "Geometry", "Scene", "Shape", "SyntheticSequence", "Texture",
+    "PAPER_RIG", "Faults", "Geometry", "RawSequence", "Scene", "Shape", "SyntheticSequence", "Texture",
     "box", "corridor", "plane", "room", "sphere", "still", "street", "torus",
 ]  # fmt: skip

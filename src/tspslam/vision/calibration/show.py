@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...types import LENSES, RawRig, Rig
+from ...types import LENSES, Camera, RawRig, Rig
 from ..rig import doubts
 from .formats import Calibration, read_calibration
 from .formats.own import save_cameras
+from .lenses import field_of_view
 from .rectify import rectification
 
 Size = tuple[int, int]
+_UNITS = {"baseline": "m", "field_of_view": "°"}
 _PIXELS = frozenset({"fx", "fy", "cx", "cy", "width", "height", "skew", "doffs"})
 
 
@@ -29,7 +31,8 @@ def described(file: Path, size: Size | None = None) -> dict[str, Any]:
     Returns
     -------
     dict
-        Plain, fit for JSON; of raw cameras also the values after rectification, as ``rectified.fx``.
+        Plain, fit for JSON; of raw cameras also the values after rectification, as ``rectified.fx``, and the fields of
+        view across their images before and after it.
 
     Raises
     ------
@@ -38,13 +41,14 @@ def described(file: Path, size: Size | None = None) -> dict[str, Any]:
     """
     found = read_calibration(file, size)
     cameras = found.cameras
-    is_raw = isinstance(cameras, RawRig)
     rig = _rectified(file, cameras)
     rows = _raw_values(cameras) if isinstance(cameras, RawRig) else dict(vars(rig))
-    values = {name: {"value": value, "origin": found.origin.get(name, "0 by default")} for name, value in rows.items()}
-    if is_raw:
-        values |= {f"rectified.{name}": {"value": value, "origin": "computed"} for name, value in vars(rig).items()}
-    kind = "two raw cameras" if is_raw else "a rectified pair" if rig.baseline else "a single camera"
+    values = {name: {"value": value, "origin": found.origin.get(name, _default(name))} for name, value in rows.items()}
+    if isinstance(cameras, RawRig):
+        values |= {name: {"value": value, "origin": "computed"} for name, value in _computed(cameras, rig).items()}
+    kind = (
+        "two raw cameras" if isinstance(cameras, RawRig) else "a rectified pair" if rig.baseline else "a single camera"
+    )
     return {"format": found.format, "kind": kind, "values": values, "remarks": _remarks(found, rig)}
 
 
@@ -66,7 +70,7 @@ def unit_of(name: str) -> str:
     ('px', 'm', '')
     """
     last = name.split(".")[-1]
-    return "px" if last in _PIXELS else "m" if last == "baseline" else ""
+    return "px" if last in _PIXELS else _UNITS.get(last, "")
 
 
 def converted(file: Path, output: Path, size: Size | None = None, rectify: bool = False) -> list[str]:
@@ -114,7 +118,21 @@ def _remarks(found: Calibration, rig: Rig) -> list[str]:
 def _raw_values(cameras: RawRig) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for side, camera in (("left", cameras.left), ("right", cameras.right)):
-        plain = {name: value for name, value in vars(camera).items() if name not in ("distortion", "lens")}
+        plain = {name: value for name, value in vars(camera).items() if name != "distortion"}
         lens = dict(zip(LENSES[camera.lens], camera.distortion, strict=True))
         values |= {f"{side}.{name}": value for name, value in (plain | lens).items()}
-    return values | {"T_right_left": [list(row) for row in cameras.T_right_left]}
+    stated = {} if cameras.field_of_view is None else {"field_of_view": cameras.field_of_view}
+    return values | {"T_right_left": [list(row) for row in cameras.T_right_left]} | stated
+
+
+def _default(name: str) -> str:
+    """Where a value that no file has comes from."""
+    return "by default" if name.endswith(".lens") else "0 by default"
+
+
+def _computed(cameras: RawRig, rig: Rig) -> dict[str, Any]:
+    """The rectified pair, and how wide the images are before and after, degrees."""
+    before = {f"{side}.field_of_view": field_of_view(getattr(cameras, side))[0] for side in ("left", "right")}
+    after = Camera(rig.fx, rig.fy, rig.cx, rig.cy, rig.width, rig.height)
+    rectified = {**vars(rig), "field_of_view": field_of_view(after)[0]}
+    return before | {f"rectified.{name}": value for name, value in rectified.items()}

@@ -18,7 +18,7 @@ from ..features.orb import OrbDetector
 from ..images import PreparedPair, are_usable, prepare
 from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptor_matcher import DescriptorMatcher
-from .matches import Matches
+from .matches import Matches, uv_right
 from .mismatch import explain_mismatch, refuse_one_picture_stored_twice
 from .row_matcher import RowMatcher
 from .triangulate import PIXEL_SIGMA, triangulate
@@ -206,8 +206,13 @@ def _drop_unseen(pair: PreparedPair, left: Features, matches: Matches) -> Matche
     if pair.usable is None:
         return matches
     rows = are_usable(pair.usable, uv_right(left.uv[matches.left_index], matches.disparity))
-    columns = ("left_index", "right_index", "disparity", "score")
-    return replace(matches, **{name: np.asarray(getattr(matches, name))[rows] for name in columns})
+    return replace(
+        matches,
+        left_index=np.asarray(matches.left_index)[rows],
+        right_index=np.asarray(matches.right_index)[rows],
+        disparity=np.asarray(matches.disparity)[rows],
+        score=np.asarray(matches.score)[rows],
+    )
 
 
 def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo:
@@ -235,13 +240,13 @@ def _choose_matcher(matcher: Matcher | None, max_disparity: float | None, preset
     return RowMatcher(max_disparity=max_disparity)
 
 
-def _require_features(pair: StereoPair, left: Features, right: Features) -> None:
+def _require_features(pair: PreparedPair, left: Features, right: Features) -> None:
     for features in (left, right):
         _check_features(features)
     if min(len(left.uv), len(right.uv)) < _FEWEST:
         raise GeometryError(
             f"{pair.name}: {len(left.uv)} left and {len(right.uv)} right keypoints, expected at least {_FEWEST} each; "
-            f"the images have too little texture{_darkness(pair)}"
+            f"the images have too little texture{_darkness(pair)}{_blindness(pair)}"
         )
 
 
@@ -280,6 +285,12 @@ def _darkness(pair: StereoPair) -> str:
         if 0 < brightest < _DARK:
             return f": the brightest pixel of the {side} one is {brightest} of 65535; do they use fewer bits (--bits)?"
     return ""
+
+
+def _blindness(pair: PreparedPair) -> str:
+    """Say that most pixels are too near to some that no camera saw; else nothing."""
+    share = 1.0 if pair.usable is None else float(pair.usable.mean())
+    return f": {100 * share:.0f} % of their pixels are far enough from what no camera saw" if share < 0.5 else ""
 
 
 def _quality(left: Features, right: Features, matches: Any, cloud: Cloud) -> StereoQuality:

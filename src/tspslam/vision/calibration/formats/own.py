@@ -13,10 +13,10 @@ import numpy as np
 from ...._files import PathLike, one_line
 from ...._yaml import dump_yaml, read_yaml
 from ....errors import InputError
-from ....types import Camera, RawRig, Rig
+from ....types import LENSES, Camera, RawRig, Rig
 from ._calibration import Calibration
 from ._source import Source
-from ._values import DISTORTION, Size, agreed_size
+from ._values import Size, agreed_size
 
 Mapping = dict[Any, Any]
 
@@ -25,6 +25,7 @@ _SIZE = ("width", "height")
 _REQUIRED = (*_LENS, *_SIZE)
 _OPTIONAL = ("baseline", "skew", "doffs")
 _RAW = ("left", "right", "T_right_left")
+_PLAIN_LENS = "brown"
 _SAME_BASELINE = 1e-3  # relative
 
 
@@ -69,7 +70,9 @@ def load_cameras(path: PathLike) -> Rig | RawRig:
 
     A raw pair adds to the keys of `load_rig`, which are then the left camera's, ``left: {distortion: [k1, k2, p1, p2,
     k3]}``, ``right: {fx, fy, cx, cy, distortion}``, each with its own ``skew`` if that is not 0, and ``T_right_left``,
-    four rows of four numbers; it needs no ``baseline``, and has no ``doffs``.
+    four rows of four numbers; it needs no ``baseline``, and has no ``doffs``. A lens of another model is named, as in
+    ``left: {lens: equidistant, distortion: [k1, k2, k3, k4]}``; ``field_of_view``, degrees, is that of the rectified
+    image (`RawRig`).
 
     Parameters
     ----------
@@ -134,10 +137,18 @@ def save_cameras(cameras: Rig | RawRig, path: PathLike) -> None:
     else:
         left, right = cameras.left, cameras.right
         tree = {key: _plain(getattr(left, key)) for key in (*_LENS, *_SIZE)}
-        tree["left"] = {key: _plain(getattr(left, key)) for key in ("skew", "distortion")}
-        tree["right"] = {key: _plain(getattr(right, key)) for key in (*_LENS, *_SIZE, "skew", "distortion")}
+        tree["left"] = _lens_of(left) | {key: _plain(getattr(left, key)) for key in ("skew", "distortion")}
+        numbers = {key: _plain(getattr(right, key)) for key in (*_LENS, *_SIZE, "skew", "distortion")}
+        tree["right"] = _lens_of(right) | numbers
         tree["T_right_left"] = _plain(cameras.T_right_left)
+        if cameras.field_of_view is not None:
+            tree["field_of_view"] = _plain(cameras.field_of_view)
     write_bytes(path, dump_yaml(tree).encode("ascii"))
+
+
+def _lens_of(camera: Camera) -> Mapping:
+    """The name of a lens, where it is not the one of a file that names none."""
+    return {} if camera.lens == _PLAIN_LENS else {"lens": camera.lens}
 
 
 def _rectified(content: Mapping) -> Rig:
@@ -146,13 +157,14 @@ def _rectified(content: Mapping) -> Rig:
 
 
 def _raw(content: Mapping) -> RawRig:
-    _check_keys(content, (*_LENS, *_SIZE, *_RAW), ("baseline", "skew"))
+    _check_keys(content, (*_LENS, *_SIZE, *_RAW), ("baseline", "skew", "field_of_view"))
     left, right = (_part(content, side) for side in ("left", "right"))
     shared = {key: content[key] for key in (*_LENS, *_SIZE, "skew") if key in content}
     left, right = shared | left, {key: content[key] for key in _SIZE} | right
-    _check_keys(left, (*_LENS, *_SIZE), ("skew", "distortion"), "left: ")
-    _check_keys(right, (*_LENS, *_SIZE), ("skew", "distortion"), "right: ")
-    rig = RawRig(_camera(left, "left"), _camera(right, "right"), _pose(content["T_right_left"]))
+    _check_keys(left, (*_LENS, *_SIZE), ("skew", "lens", "distortion"), "left: ")
+    _check_keys(right, (*_LENS, *_SIZE), ("skew", "lens", "distortion"), "right: ")
+    field_of_view = _number("field_of_view", content["field_of_view"]) if "field_of_view" in content else None
+    rig = RawRig(_camera(left, "left"), _camera(right, "right"), _pose(content["T_right_left"]), field_of_view)
     baseline, length = content.get("baseline"), float(np.linalg.norm(rig.matrix[:3, 3]))
     if baseline is not None and abs(_number("baseline", baseline) - length) > _SAME_BASELINE * length:
         raise InputError(f"baseline is {baseline} m, but T_right_left moves by {length:.6g} m, expected the same")
@@ -168,16 +180,26 @@ def _part(content: Mapping, side: str) -> Mapping:
 
 def _camera(values: Mapping, side: str) -> Camera:
     numbers: dict[str, Any] = {
-        key: _number(f"{side}.{key}", value) for key, value in values.items() if key != "distortion"
+        key: _number(f"{side}.{key}", value) for key, value in values.items() if key not in ("lens", "distortion")
     }
-    given = values.get("distortion", [0.0] * 5)
-    if not isinstance(given, list) or len(given) not in (4, 5):
-        raise InputError(f"{side}.distortion is {_shown(given)}, expected [k1, k2, p1, p2, k3]")
-    k1, k2, p1, p2, k3 = (_number(f"{side}.distortion", value) for value in (*given, 0.0)[:5])
+    lens = values.get("lens", _PLAIN_LENS)
+    if not isinstance(lens, str) or lens not in LENSES:
+        raise InputError(f"{side}.lens is {_shown(lens)}, expected one of {', '.join(LENSES)}")
     try:
-        return Camera(**numbers, distortion=(k1, k2, p1, p2, k3))
+        return Camera(**numbers, distortion=_distortion(values, side, lens), lens=lens)
     except InputError as error:
-        raise InputError(f"{side} {error}") from error
+        raise InputError(f"{side} {error}" if str(error).startswith("camera") else str(error)) from error
+
+
+def _distortion(values: Mapping, side: str, lens: str) -> tuple[float, ...]:
+    """The coefficients of a lens; of Brown's, k3 may be left out, or all."""
+    names, is_plain = LENSES[lens], lens == _PLAIN_LENS
+    given = values.get("distortion", [0.0] * len(names) if is_plain else None)
+    lengths = (len(names) - 1, len(names)) if is_plain else (len(names),)
+    if not isinstance(given, list) or len(given) not in lengths:
+        found = "missing" if given is None else _shown(given)
+        raise InputError(f"{side}.distortion is {found}, expected [{', '.join(names)}]")
+    return tuple(_number(f"{side}.distortion", value) for value in (*given, 0.0)[: len(names)])
 
 
 def _pose(rows: Any) -> tuple[Any, ...]:
@@ -268,12 +290,12 @@ def read_own(source: Source, size: Size | None = None) -> Calibration:
 def _origin(source: Source, cameras: Rig | RawRig) -> dict[str, str]:
     if isinstance(cameras, Rig):
         return {field.name: field.name for field in fields(Rig) if field.name in source}
-    origin = {"T_right_left": "T_right_left"}
-    for side in ("left", "right"):
+    origin = {key: key for key in ("T_right_left", "field_of_view") if key in source}
+    for side, camera in (("left", cameras.left), ("right", cameras.right)):
         part = source.part(side)
         for field in (each.name for each in fields(Camera) if each.name != "distortion"):
             if field in part or field in source:
                 origin[f"{side}.{field}"] = part.label(field) if field in part else field
-        for k, name in enumerate(DISTORTION[: len(part.values.get("distortion", ()))]):
+        for k, name in enumerate(LENSES[camera.lens][: len(part.values.get("distortion", ()))]):
             origin[f"{side}.{name}"] = f"{part.label('distortion')}[{k}]"
     return origin
