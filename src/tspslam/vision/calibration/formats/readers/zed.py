@@ -115,7 +115,9 @@ def _told(pixels: Size, name: str) -> Found:
 def _resolution(source: Source, size: Size | None) -> tuple[Size, str]:
     """Size of the images and the name of its sections."""
     known = {pixels: name for pixels, name in _SIZES.items() if f"LEFT_CAM_{name}.fx" in source}
-    listed = ", ".join(f"{name} ({width} x {height})" for (width, height), name in known.items()) or "no size that is known"
+    listed = (
+        ", ".join(f"{name} ({width} x {height})" for (width, height), name in known.items()) or "no size that is known"
+    )
     if size is None:
         if len(known) != 1:
             raise source.error(f"is for images of {listed}, expected the size of one of them (--size, or size=)")
