@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
 
 from tspslam import cli
-from tspslam.datasets import RosbagSequence, open_sequence
+from tspslam.datasets import RosbagSequence, _ros, open_sequence
 from tspslam.types import Camera, RawRig
 from tspslam.vision.calibration.formats.own import save_cameras
 from tspslam.vision.calibration.rectify import rectification
@@ -117,3 +120,47 @@ def test_the_command_line_passes_topics_and_calibration_on(tmp_path, pairs, caps
     assert cli.exit_code(["run", "--topics", *names]) == cli.USAGE
     assert cli.exit_code(["run", "a.png", "--depth", "d.png", "--topics", *names]) == cli.USAGE
     assert capsys.readouterr().err.count("goes with a bag alone") == 2
+
+
+def message(model, D, x=0.0):
+    """A CameraInfo of a raw camera."""
+    K, R = np.array([60.0, 0, 31, 0, 61, 23.5, 0, 0, 1]), np.eye(3).ravel()
+    P = np.array([60.0, 0, 31, x, 0, 61, 23.5, 0, 0, 0, 1, 0])
+    return SimpleNamespace(width=64, height=48, distortion_model=model, d=np.array(D), k=K, r=R, p=P)
+
+
+@pytest.mark.parametrize(
+    ("model", "D", "lens"),
+    [
+        ("plumb_bob", (-0.1, 0.02, 0.001, -0.0005, 0.0), "brown"),
+        ("rational_polynomial", (0.5, 0.25, 0.001, -0.0005, 0.125, 0.5, 0.25, 0.0625), "rational"),
+        ("equidistant", (0.03, -0.01, 0.005, -0.002), "equidistant"),
+        ("equidistant", (0.0, 0.0, 0.0, 0.0), "equidistant"),
+        ("fisheye", (0.03, -0.01, 0.005, -0.002, 0.0), "equidistant"),
+    ],
+)
+def test_a_camera_info_names_its_lens(model, D, lens):
+    infos = (_ros.Info(topic, message(model, D, x)) for topic, x in (("/left", 0.0), ("/right", -7.5)))
+    found = _ros.cameras(Path("drive.bag"), *infos, False)
+    assert isinstance(found, RawRig)
+    assert (found.left.lens, found.right.lens) == (lens, lens)
+    assert found.left.distortion == D[: 4 if lens == "equidistant" else len(D)]
+    assert found.T_right_left[0] == (1, 0, 0, -0.125)
+
+
+@pytest.mark.parametrize(
+    ("model", "D", "said"),
+    [
+        (
+            "ocam",
+            (0.1,),
+            "/left.distortion_model is 'ocam', expected one of plumb_bob, rational_polynomial, equidistant",
+        ),
+        ("equidistant", (0.1, 0.2), "/left.D has 2 numbers, expected 4 or 5 or 8 numbers"),
+        ("equidistant", (0.1, 0.2, 0.0, 0.0, 0.3), "/left.D[4] is 0.3, expected 0 after k1, k2, k3, k4"),
+    ],
+)
+def test_a_lens_that_no_camera_info_has_is_refused(model, D, said):
+    infos = [_ros.Info(topic, message(model, D, x)) for topic, x in (("/left", 0.0), ("/right", -7.5))]
+    one_line_error(lambda: _ros.cameras(Path("drive.bag"), *infos, False), said)
+    assert _ros.cameras(Path("drive.bag"), *infos, True).baseline == 0.125

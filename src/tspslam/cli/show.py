@@ -36,7 +36,7 @@ def config_show_command(
 
 @calib_app.command("show")
 def calib_show_command(
-    file: Annotated[Path, typer.Argument(help="Calibration of ours, KITTI, EuRoC, OpenCV, Kalibr or ORB-SLAM.")],
+    file: Annotated[Path, typer.Argument(help="Calibration of ours or of another program.")],
     size: SizeOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -61,18 +61,24 @@ def calib_show_command(
 @calib_app.command("convert")
 def calib_convert_command(
     file: Annotated[Path, typer.Argument(help="Calibration of any kind that `calib show` understands.")],
-    output: Annotated[Path, typer.Argument(help="File to write, in our format.")],
+    output: Annotated[Path, typer.Argument(help="File to write; a folder for ros and colmap.")],
+    to: Annotated[str, typer.Option(metavar="FORMAT", help="ours, kalibr, opencv, ros or colmap.")] = "ours",
     size: SizeOption = None,
     rectify: Annotated[bool, typer.Option("--rectify", help="Of raw cameras: the rectified pair.")] = False,
+    field_of_view: Annotated[
+        float | None, typer.Option("--fov", min=1, max=170, help="Across the rectified image, degrees; in ours alone.")
+    ] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a calibration file of another program in our format."""
-    from ..run.guard import CALIBRATION, check_output
-    from ..vision.calibration.show import converted
+    """Write a calibration file in our format or in that of another program."""
+    from ..run.calibration import FORMATS, convert
 
-    check_output(output, CALIBRATION, [file], is_forced=force)
-    remarks = converted(file, output, _size(size), rectify)
+    if to not in FORMATS:
+        raise typer.BadParameter(f"{to!r}, expected one of {', '.join(FORMATS)}", param_hint="--to")
+    if field_of_view is not None and (to != FORMATS[0] or rectify):
+        raise typer.BadParameter(f"goes with raw cameras and --to {FORMATS[0]} alone", param_hint="--fov")
+    remarks = convert(file, output, to, size=_size(size), rectify=rectify, field_of_view=field_of_view, is_forced=force)
     for remark in remarks:
         note(f"note: {remark}")
     say(json.dumps({"written": str(output), "remarks": remarks}) if as_json else f"wrote {output}")

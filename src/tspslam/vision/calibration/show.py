@@ -1,4 +1,4 @@
-"""What a calibration file says, for a person to check, and its conversion to our format."""
+"""What a calibration file says, for a person to check, or to be written in another format."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from ...errors import InputError
 from ...types import LENSES, Camera, RawRig, Rig
 from ..rig import doubts
 from .formats import Calibration, read_calibration
-from .formats.own import save_cameras
 from .lenses import field_of_view
 from .rectify import rectification
 
@@ -73,35 +72,31 @@ def unit_of(name: str) -> str:
     return "px" if last in _PIXELS else _UNITS.get(last, "")
 
 
-def converted(file: Path, output: Path, size: Size | None = None, rectify: bool = False) -> list[str]:
-    """Write a calibration file in our format, and return remarks on it.
+def converted(file: Path, size: Size | None = None, rectify: bool = False) -> tuple[Rig | RawRig, list[str]]:
+    """Return the cameras of a calibration file as they are to be written, and remarks on them.
 
     Parameters
     ----------
     file : path
         As `read_calibration` takes it.
-    output : path
-        The file to write.
     size : (width, height), optional
         Of the images, px.
     rectify : bool
-        Whether to write the rectified pair in place of raw cameras.
+        Whether to return the rectified pair in place of raw cameras.
 
     Returns
     -------
-    list of str
+    cameras : Rig or RawRig
+    remarks : list of str
 
     Raises
     ------
     InputError
         As `described`.
-    OutputError
-        If `output` cannot be written.
     """
     found = read_calibration(file, size)
     rig = _rectified(file, found.cameras)
-    save_cameras(rig if rectify else found.cameras, output)
-    return _remarks(found, rig)
+    return rig if rectify else found.cameras, _remarks(found, rig)
 
 
 def _rectified(file: Path, cameras: Rig | RawRig) -> Rig:

@@ -37,7 +37,7 @@ MODELS: dict[str, tuple[str, str]] = {
 }
 """For each model of COLMAP's, in the order of its numbers: the lens, empty where we have none, and its parameters."""
 TO_CENTRE = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5), ours at (0, 0)
-_RIG = re.compile(r"^[ \t]*[0-9]+ +[0-9]+ +CAMERA +[0-9]+", re.MULTILINE)
+_RIG = re.compile(r"^[ \t]*[0-9]+ +[0-9]+ +(?:CAMERA|IMU) +[0-9]+", re.MULTILINE)
 _CAMERA = re.compile(r"^[ \t]*[0-9]+ +[A-Z][A-Z_0-9]{2,} +[0-9]+ +[0-9]+ ", re.MULTILINE)
 _IS_CAMERA = 0  # type of a sensor in a binary file
 

@@ -6,9 +6,10 @@ import re
 from dataclasses import replace
 from typing import Any
 
-from ....._files import PathLike, bad_input
+from ....._files import PathLike
 from ....._text import is_comment
 from .._calibration import Calibration, rectified
+from .._lines import key_and_value
 from .._source import Source, plain_value
 from .._values import Found, Size, agreed_size, checked, from_camera_matrix, size_from_keys
 
@@ -50,12 +51,9 @@ def parse_middlebury(text: str, path: PathLike) -> Source:
     """
     values: dict[Any, Any] = {}
     for number, line in enumerate(text.split("\n"), 1):
-        key, sign, rest = (word.strip() for word in line.strip().partition("="))
         if not line.strip() or is_comment(line):
             continue
-        if not sign or not key or key in values:
-            what = f"the key {key[:40]!r} twice" if key in values else f"the line {line.strip()[:40]!r}"
-            raise bad_input(path, f"line {number} holds {what}", "lines key=value, each key once")
+        key, rest = key_and_value(path, (number, line), values)
         is_matrix = rest.startswith("[") and rest.endswith("]")
         values[key] = [_words(row) for row in rest[1:-1].split(";")] if is_matrix else plain_value(rest)
     return Source(path, values)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ....._files import PathLike, bad_input
+from ....._files import PathLike
 from .....types import FloatArray
 from .._calibration import Calibration, raw
+from .._lines import key_and_value
 from .._source import Source, plain_value
 from .._values import DISTORTION, Found, Size, agreed_size, checked, from_keys, motion, with_lens
 
@@ -62,15 +63,11 @@ def parse_zed(text: str, path: PathLike) -> Source:
     section = ""
     for number, line in enumerate(text.split("\n"), 1):
         said = line.partition(";")[0].partition("#")[0].strip()
-        key, sign, rest = said.partition("=")
-        name = f"{section}{key.strip()}"
         if said.startswith("[") and said.endswith("]"):
             section = f"{said[1:-1].strip()}."
-        elif said and (not sign or not key.strip() or name in values):
-            what = f"the key {name[:40]!r} twice" if name in values else f"the line {said[:40]!r}"
-            raise bad_input(path, f"line {number} holds {what}", "sections in brackets, and lines key=number")
         elif said:
-            values[name] = plain_value(rest.strip())
+            name, rest = key_and_value(path, (number, said), values, section)
+            values[name] = plain_value(rest)
     return Source(path, values)
 
 
