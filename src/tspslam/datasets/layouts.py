@@ -118,9 +118,7 @@ def _layout(folder: Path, is_plain: bool, is_utias: bool) -> str:
 
 def _refuse_rate(folder: Path, fps: float | None) -> None:
     if fps is not None:
-        raise InputError(
-            one_line(f"{folder}: has times of its own, expected no frames a second beside it (--fps, fps=)")
-        )
+        raise bad_input(folder, "has times of its own", "no frames a second beside it (--fps, fps=)")
 
 
 def _unknown(folder: Path) -> InputError:
