@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from .._files import one_line
 from ..errors import InputError
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
@@ -92,13 +94,18 @@ class Reader:
         try:
             left, right = self._levels(stored)  # before rectification, which makes values between those that occur
             if self.rectify:
-                left, right = self.rectify(left, right)
+                left, right = map(_within, self.rectify(left, right))
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
         bits = self._levels.bits_of(left)
         pair = StereoPair(left, right, self.rig, stamp=float(index), index=index, name=name, bits=bits)
         check_pair(pair)
         return pair
+
+
+def _within(image: Image) -> Image:
+    """Luminance from 0 to 1 again, where cubic interpolation went beyond; OpenCV sees to that for integers."""
+    return np.clip(image, 0, 1) if image.dtype.kind == "f" else image
 
 
 class FileReader(Reader):

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .._checks import require_path
-from .._files import PathLike, one_line
+from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ._kinds import listed, no_source
 from ._ros import STORED, is_bag
