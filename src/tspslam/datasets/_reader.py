@@ -105,7 +105,8 @@ class Reader:
 
 def _within(image: Image) -> Image:
     """Luminance from 0 to 1 again, where cubic interpolation went beyond; OpenCV sees to that for integers."""
-    return np.clip(image, 0, 1) if image.dtype.kind == "f" else image
+    within: Image = np.clip(image, 0, 1) if image.dtype.kind == "f" else image
+    return within
 
 
 class FileReader(Reader):
