@@ -121,3 +121,18 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "left" / "a.jpg").write_bytes(b"")
     with pytest.raises(InputError, match=r"a\.jpg and a\.png in left/ share a name"):
         StereoFolder(tmp_path)
+
+
+def test_a_pair_of_floats_stays_within_0_and_1_when_it_is_rectified(
+    tmp_path: Path, raw_pair: tuple[StereoPair, RawRig]
+) -> None:
+    pair, raw = raw_pair
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        (tmp_path / side).mkdir()
+        grey = np.asarray(image if image.ndim == 2 else image[..., 1])
+        values = (grey > np.median(grey)).astype("<f4")  # edges from 0 to 1
+        (tmp_path / side / "a.pfm").write_bytes(b"Pf\n%d %d\n-1.0\n" % values.shape[::-1] + values[::-1].tobytes())
+    save_cameras(raw, tmp_path / "calib.yaml")
+    read = StereoFolder(tmp_path)[0]
+    assert read.left.dtype == np.float32
+    assert (read.left.min(), read.left.max()) == (0, 1)

@@ -36,7 +36,7 @@ SOURCES = {
     "a.tar.gz": "is an archive",
     "drive.db3.zstd": "is an archive",
     "left.png": "is one image; expected two images, left and right, with --calib",
-    "left.webp": "is an image of a kind that is not read; expected images as .png",
+    "left.gif": "is an image of a kind that is not read; expected images as .png",
     "mesh.ply": "tspslam filter takes a mesh",
     "calib.yaml": "a calibration goes with --calib",
     "a.xyz": "is no folder, expected one with left/ and right/, mav0/",
@@ -74,7 +74,7 @@ def test_a_folder_that_nothing_reads_is_told_by_what_it_holds(tmp_path: Path) ->
     ("name", "said"),
     [
         ("left.mp4", "is a video"),
-        ("left.webp", r"expected images as .* magick left\.webp left\.png makes one"),
+        ("left.gif", r"expected images as .* magick left\.gif left\.png makes one"),
         ("left.zip", "is an archive"),
         ("left.png", "is not an image"),
         ("left.txt", "is a text"),
@@ -109,10 +109,10 @@ def test_an_image_that_pillow_reads_under_another_name_is_read(tmp_path: Path) -
     ("suffix", "said"),
     [
         (
-            ".webp",
-            r"holds 3 files of \.webp, a kind that is not read; .*: magick mogrify -format png \*\.webp makes some",
+            ".gif",
+            r"holds 3 files of \.gif, a kind that is not read; .*: magick mogrify -format png \*\.gif makes some",
         ),
-        (".npy", r"holds 3 files of \.npy, a kind that is not read; expected images as \.png, .* or \.ppm$"),
+        (".npy", r"holds 3 files of \.npy, a kind that is not read; expected images as \.png, .* or \.webp$"),
         ("", "holds 3 files without a suffix"),
     ],
 )

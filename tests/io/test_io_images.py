@@ -163,10 +163,50 @@ def test_premultiplied_alpha_is_undone(mode):
     np.testing.assert_allclose(back[0, 0] if mode == "La" else back[0, 0, 0], 100, atol=1)
 
 
-def test_orientation_in_exif_is_not_applied(tmp_path):
+@pytest.mark.parametrize("format_", ["JPEG", "PNG", "WEBP", "TIFF"])
+@pytest.mark.parametrize("flag", range(10))
+def test_an_image_that_viewers_turn_is_refused(tmp_path, format_, flag):
+    """Calibrations are made by programs that turn it, and by others that don't."""
     exif = Image.Exif()
-    exif[0x0112] = 6
-    assert read_image(saved(tmp_path, encoded("L", "JPEG", exif=exif))).shape == (30, 40)
+    exif[0x0112] = flag
+    path = saved(tmp_path, encoded("L", format_, exif=exif))
+    if flag in range(2, 9):
+        with pytest.raises(InputError, match=rf"image: has the EXIF orientation {flag}, and its calibration may be of"):
+            read_image(path)
+    else:
+        assert read_image(path).shape[:2] == (30, 40)
+
+
+def test_damaged_exif_does_not_matter(tmp_path):
+    for exif in (b"", b"Exif\0\0", b"Exif\0\0MM\0*\0\0\0\x08\0\x05\x01", b"no exif at all"):
+        assert read_image(saved(tmp_path, encoded("L", "JPEG", exif=exif))).shape == (30, 40)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_webp_without_loss_comes_back_exactly(tmp_path, mode):
+    data = encoded(mode, "WEBP", lossless=True)
+    back = read_image(saved(tmp_path, data))
+    assert back.dtype == np.uint8
+    np.testing.assert_array_equal(back.reshape(30, 40, 3)[..., 1], RAMP % 256)
+
+
+OTHERS = {
+    "AVIF": b"\0\0\0\x1cftypavif",
+    "HEIC": b"\0\0\0\x1cftypheic",
+    "JPEG XL": b"\xff\x0a\xfa\x7f",
+    "JPEG XL in a box": b"\0\0\0\x0cJXL \r\n\x87\n",
+    "OpenEXR": b"v/1\x01\x02\0\0\0",
+    "JPEG 2000": b"\0\0\0\x0cjP  \r\n\x87\n",
+    "Radiance HDR": b"#?RADIANCE\n",
+    "GIF": b"GIF89a",
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_an_image_of_another_kind_is_called_by_its_name(tmp_path, kind):
+    said = f"is an image of a kind that is not read, {kind.removesuffix(' in a box')}; expected a PNG, JPEG, "
+    with pytest.raises(InputError, match=said):
+        read_image(saved(tmp_path, OTHERS[kind] + bytes(100)))
 
 
 @pytest.mark.parametrize("value", [-1, 65_536])
@@ -177,9 +217,28 @@ def test_grey_that_16_bits_cannot_hold_is_refused(tmp_path, value):
         read_image(saved(tmp_path, buffer.getvalue()))
 
 
-def test_floating_point_pixels_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"floating-point pixels, as maps of depth do \(--depth, --disparity\)"):
-        read_image(saved(tmp_path, encoded("F", "TIFF")))
+def float_file(values, kind):
+    """A TIFF or a PFM of floats; the last row of a PFM comes first."""
+    if kind == "PFM":
+        return b"Pf\n%d %d\n-1.0\n" % values.shape[::-1] + values[::-1].astype("<f4").tobytes()
+    buffer = io.BytesIO()
+    Image.fromarray(values).save(buffer, format="TIFF")
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "PFM"])
+def test_floats_from_0_to_1_come_back_exactly_and_others_are_refused(tmp_path, kind):
+    values = (RAMP / RAMP.max()).astype(np.float32)
+    back = read_image(saved(tmp_path, float_file(values, kind)))
+    assert back.dtype == np.float32
+    assert back.flags.writeable
+    np.testing.assert_array_equal(back, values)
+    for bad in (-0.01, 1.01, np.nan, np.inf, 812):
+        values[3, 4] = bad
+        with pytest.raises(
+            InputError, match=r"floating-point pixels .* \(--depth, --disparity\), where luminance goes"
+        ):
+            read_image(saved(tmp_path, float_file(values, kind)))
 
 
 @pytest.mark.parametrize("size", [(8001, 8000), (32_768, 1), (1, 32_768), (10_000, 10_000), (60_000, 60_000)])
@@ -228,7 +287,7 @@ def test_a_file_larger_than_any_of_ours_is_not_read(tmp_path):
         read_image(tmp_path / "huge")
 
 
-@pytest.mark.parametrize("format_", ["PNG", "JPEG"])
+@pytest.mark.parametrize("format_", ["PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP"])
 def test_every_truncation_is_seen(tmp_path, format_):
     data = encoded("RGB", format_)
     for size in {*range(1, len(data), max(1, len(data) // 200)), *range(len(data) - 12, len(data))}:
@@ -251,7 +310,7 @@ def test_a_chunk_that_claims_more_than_the_file_is_refused(tmp_path):
         read_image(saved(tmp_path, data))
 
 
-@pytest.mark.parametrize("format_", ["PNG", "JPEG", "TIFF", "PPM", "BMP"])
+@pytest.mark.parametrize("format_", ["PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP"])
 @FUZZ
 @given(data=st.data())
 def test_a_damaged_image_is_an_image_or_an_input_error(tmp_path, format_, data):

@@ -11,17 +11,18 @@ from pathlib import Path
 from .._files import bad_input
 from ..errors import InputError
 
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm"})
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"})
 """Of images that are read."""
-_READ = "images as .png, .jpg, .tif, .bmp, .pgm or .ppm"
+_FLOATS = ".pfm"  # read too, but often a map beside images
+_READ = "images as .png, .jpg, .tif, .bmp, .pgm, .ppm or .webp"
 _MAX_NAMED = 6
 _KINDS = {
     "a video": ".mp4 .m4v .mov .avi .mkv .webm .wmv .mpg .mpeg .mts .h264 .h265 .hevc .ogv .flv .3gp .y4m .mjpeg .mjpg",
     "a recording of a ZED camera": ".svo .svo2",
     "a bag that was not closed": ".active",
     "an archive": ".zip .tar .gz .tgz .bz2 .tbz2 .xz .txz .7z .rar .zst .zstd .lz4",
-    "one image": " ".join(sorted(SUFFIXES)),
-    "an image of a kind that is not read": ".webp .gif .heic .heif .avif .jp2 .jxl .exr .hdr .pfm .dng .tga .svg",
+    "one image": " ".join(sorted({*SUFFIXES, _FLOATS})),
+    "an image of a kind that is not read": ".gif .heic .heif .avif .jp2 .jxl .exr .hdr .dng .tga .svg",
     "a mesh or a cloud": ".ply .obj .vtu .stl .pcd .off",
     "a text": ".yaml .yml .txt .json .csv .xml",
 }
@@ -61,6 +62,7 @@ def only_images(folder: Path, files: Iterable[Path]) -> list[Path]:
     """Return the files of a folder that are images by name, without hidden ones; InputError if it has others only."""
     seen = [file for file in files if not file.name.startswith(".")]
     images = [file for file in seen if file.suffix.lower() in SUFFIXES]
+    images = images or [file for file in seen if file.suffix.lower() == _FLOATS]
     others = Counter(file.suffix.lower() for file in seen if not images and file.is_file())
     if others:
         (suffix, count), kind = others.most_common(1)[0], _OF.get(others.most_common(1)[0][0])

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .._checks import require_path
-from .._files import PathLike, one_line
+from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ._kinds import listed, no_source
 from ._ros import STORED, is_bag
@@ -118,9 +118,7 @@ def _layout(folder: Path, is_plain: bool, is_utias: bool) -> str:
 
 def _refuse_rate(folder: Path, fps: float | None) -> None:
     if fps is not None:
-        raise InputError(
-            one_line(f"{folder}: has times of its own, expected no frames a second beside it (--fps, fps=)")
-        )
+        raise bad_input(folder, "has times of its own", "no frames a second beside it (--fps, fps=)")
 
 
 def _unknown(folder: Path) -> InputError:

@@ -21,13 +21,30 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from PIL import Image
 
+Pixels = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
-_FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP")
-_EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM or BMP image"
+_FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP")
+_EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP or PFM image"
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _TIFF_MAGIC = (b"II", b"MM")
-_WHITE_IS_ZERO, _PHOTOMETRIC = 0, 262  # of a TIFF
+_WHITE_IS_ZERO, _PHOTOMETRIC, _ORIENTATION = 0, 262, 274  # of a TIFF; the last of EXIF too
+_TURNED = range(2, 9)  # of its values, those that are not upright
+_OTHERS = {
+    b"ftypavif": "AVIF",
+    b"ftypavis": "AVIF",
+    b"ftypheic": "HEIC",
+    b"ftypheix": "HEIC",
+    b"ftypmif1": "HEIF",
+    b"JXL \r\n": "JPEG XL",
+    b"\xff\x0a": "JPEG XL",
+    b"v/1\x01": "OpenEXR",
+    b"jP  \r\n": "JPEG 2000",
+    b"#?RADIANCE": "Radiance HDR",
+    b"GIF8": "GIF",
+}
+"""Of images that are not read: what stands at the head of the file, or 4 bytes behind it."""
 # Pillow's decoders meet damaged files with all of these.
 _DECODER_ERRORS = (
     OSError,
@@ -43,18 +60,20 @@ _DECODER_ERRORS = (
     struct.error,
     zlib.error,
 )
+_HEAD = 16  # bytes that tell the kind
 _quiet_lock = threading.Lock()
 
 
-def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Read a PNG, JPEG, TIFF, PGM, PPM or BMP image.
+def read_image(path: PathLike) -> Pixels:
+    """Read a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP or grey PFM image.
 
     The header comes first: more than 64 megapixels, or a side over 32 767 px, is refused before any pixel is decoded.
     A PNG's checksums are all verified. Alpha is dropped, not blended. Palettes, CMYK, YCbCr and HSV become RGB; one
     bit becomes 0 and 255. 16-bit grey and colour stay 16-bit, whatever part of the 16 bits they use; a PGM or PPM is
-    spread from its own largest value to 65535. Of several pages the first is read. Neither gamma nor the EXIF
-    orientation is applied, since calibrations speak of the sensor's pixels. A damaged JPEG that still decodes is
-    returned, since the format has no checksum.
+    spread from its own largest value to 65535. Floats (PFM, TIFF) stay, if they are from 0 to 1. Of several pages the
+    first is read. Gamma is not applied. An image whose EXIF orientation is not upright is refused: programs that
+    calibrate turn it or don't, and nothing tells which. A damaged JPEG or WebP that still decodes is returned, since
+    the formats have no checksum.
 
     Parameters
     ----------
@@ -63,14 +82,14 @@ def read_image(path: PathLike) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
     Returns
     -------
-    (H, W) or (H, W, 3) uint8 or uint16
+    (H, W) or (H, W, 3) uint8 or uint16, or (H, W) float32
         uint16 for pixels of more than 8 bits; colour is RGB.
 
     Raises
     ------
     InputError
-        If the file is missing, not an image, truncated, damaged, too large, or holds pixels that are not integers of
-        at most 16 bits.
+        If the file is missing, not an image of these kinds, truncated, damaged, too large, to be turned, or holds
+        pixels that are neither integers of at most 16 bits nor floats from 0 to 1.
 
     Examples
     --------
@@ -230,7 +249,13 @@ def _open_header(handle: BinaryIO) -> Image.Image:
         return Image.open(handle, formats=_FORMATS)
     except UnidentifiedImageError as error:
         handle.seek(0)
-        if handle.read(2) in _TIFF_MAGIC:
+        head = handle.read(_HEAD)
+        kind = next(
+            (kind for mark, kind in _OTHERS.items() if head.startswith(mark) or head[4:].startswith(mark)), None
+        )
+        if kind:
+            raise InputError(f"is an image of a kind that is not read, {kind}") from error
+        if head[:2] in _TIFF_MAGIC:
             said = "is a TIFF that is damaged, or of pixels that are not read (such as float64 or planes of 16 bits)"
             raise InputError(f"{said}: uint8, uint16 and, for maps, float32 are") from error
         raise InputError("is not an image, or its header is damaged") from error
@@ -263,7 +288,7 @@ def _check_png(handle: BinaryIO) -> None:
     handle.seek(0)
 
 
-def load_pixels(image: Image.Image, handle: BinaryIO) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def load_pixels(image: Image.Image, handle: BinaryIO) -> Pixels:
     """Decode an image, grey or RGB.
 
     Parameters
@@ -275,8 +300,9 @@ def load_pixels(image: Image.Image, handle: BinaryIO) -> NDArray[np.uint8] | NDA
 
     Returns
     -------
-    (H, W) or (H, W, 3) uint8 or uint16
+    (H, W) or (H, W, 3) uint8 or uint16, or (H, W) float32
     """
+    _refuse_turned(image)
     deep, most = _depth_that_is_cut(image), _declared(image)
     _load(image)
     return _pixels(image) if deep is None else _deep_pixels(image, handle, deep, most)
@@ -330,7 +356,7 @@ def _deep_pixels(image: Image.Image, handle: BinaryIO, layout: str, most: int | 
     return np.ascontiguousarray(pixels[..., 0] if layout.startswith("LA") else pixels[..., 2::-1])
 
 
-def _pixels(image: Image.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def _pixels(image: Image.Image) -> Pixels:
     mode = image.mode
     if mode in ("L", "RGB"):
         return np.array(image)
@@ -341,13 +367,34 @@ def _pixels(image: Image.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
     if mode == "I" or mode.startswith("I;16"):
         return _upright(image, _grey16(np.asarray(image)))
     if mode == "F":
-        raise InputError("holds floating-point pixels, as maps of depth do (--depth, --disparity), not luminance")
+        return _luminance(np.array(image))
     image.info.pop("transparency", None)
     if mode in ("1", "La"):
         return np.array(image.convert("LA").getchannel("L") if mode == "La" else image.convert("L"))
     if mode in ("RGBa", "PA"):
         return np.ascontiguousarray(np.asarray(image.convert("RGBA"))[..., :3])
     return np.array(image.convert("RGB"))
+
+
+def _luminance(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    low, high = float(values.min()), float(values.max())
+    if not (low >= 0 and high <= 1):  # NaN too
+        said = f"holds floating-point pixels from {low:g} to {high:g}, as maps of depth do (--depth, --disparity)"
+        raise InputError(f"{said}, where luminance goes from 0 to 1")
+    return values
+
+
+def _refuse_turned(image: Image.Image) -> None:
+    """Refuse an image that viewers turn; before it is loaded, since Pillow turns TIFFs then."""
+    from PIL.Image import Exif
+
+    exif = Exif()
+    with contextlib.suppress(*_DECODER_ERRORS), _quiet():  # cameras write damaged ones
+        exif.load(image.info.get("exif", b""))
+    flag = getattr(image, "tag_v2", exif).get(_ORIENTATION)
+    if flag in _TURNED:
+        ways = "magick mogrify -auto-orient turns it, exiftool -Orientation#=1 drops the flag"
+        raise InputError(f"has the EXIF orientation {flag}, and its calibration may be of turned pixels or not: {ways}")
 
 
 def _upright(image: Image.Image, values: NDArray[np.uint16]) -> NDArray[np.uint16]:
