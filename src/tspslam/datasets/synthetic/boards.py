@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,6 +73,7 @@ def render_board(
     return np.clip(np.rint(255 * image), 0, 255).astype(np.uint8)
 
 
+@lru_cache(maxsize=4)
 def _rays(camera: Camera) -> FloatArray:
     """Where the ray of each pixel meets the plane z = 1, (H, W, 2)."""
     import cv2

@@ -18,9 +18,10 @@ _CORNERS = (2, 100)  # inner corners, or squares, a side
 _LENGTHS = (1e-4, 10.0)  # m, of a square
 _LEAST = 6  # corners of a view: four give a homography, two more show whether it holds
 _FOUND_AT = 1600  # px: larger images are searched at this size, and their corners refined at their own
-_HALF = 0.35  # of the distance of neighbouring corners: the window of refinement has no other corner in it
+_HALF = 0.4  # of the distance of neighbouring corners: the window of refinement has no other corner in it
+_NARROWEST = 2.5  # px: a window that has less white around it cannot tell a corner from its markers
 _HALVES = (2, 11)  # px; 11 is OpenCV's own half window for chessboards
-_MARGIN = 0.7  # of a marker's distance from its corner, which the window's diagonal must not reach
+_MARGIN = 0.95  # of the white between a corner and its markers
 _EDGE = (5.0, 95.0)  # percentiles of grey: the contrast of an edge
 Box = NDArray[np.float64]
 
@@ -216,9 +217,13 @@ def detect(board: Board, image: Image) -> Corners:
     size = (grey.shape[1], grey.shape[0])
     if found is None:
         return Corners(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), size)
-    ids, uv = found
-    uv = (uv + 0.5) / scale - 0.5
-    refined = _refined(grey, uv, _half_window(board, ids, uv))
+    ids, uv = found[0], (found[1] + 0.5) / scale - 0.5
+    half = _half_window(board, ids, uv)
+    if isinstance(board, Charuco):
+        ids, uv, half = (each[half >= _NARROWEST] for each in (ids, uv, half))
+        if not _has_pose(board, ids):
+            return Corners(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), size)
+    refined = _refined(grey, uv, half)
     return Corners(ids, refined, board.corners[ids], size, _blur(grey, refined, _spacing(board, ids, refined)))
 
 
@@ -305,13 +310,19 @@ def _find(board: Board, grey: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Flo
 
 def _find_charuco(board: Charuco, grey: NDArray[np.uint8]) -> tuple[NDArray[np.int64], FloatArray] | None:
     uv, ids, _, _ = board._detector().detectBoard(grey)
-    if ids is None or len(ids) < _LEAST:
+    if ids is None:
         return None
     order = np.argsort(ids.ravel(), kind="stable")
     numbers = ids.ravel()[order].astype(np.int64)
-    places = board.corners[numbers, :2] - board.corners[numbers, :2].mean(axis=0)
-    is_flat = np.linalg.svd(places, compute_uv=False)[1] < board.square / 2  # in one row: no pose follows
-    return None if is_flat else (numbers, uv.reshape(-1, 2)[order].astype(np.float64))
+    return (numbers, uv.reshape(-1, 2)[order].astype(np.float64)) if _has_pose(board, numbers) else None
+
+
+def _has_pose(board: Charuco, ids: NDArray[np.int64]) -> bool:
+    """Whether there are enough corners, not all in one row."""
+    if len(ids) < _LEAST:
+        return False
+    places = board.corners[ids, :2] - board.corners[ids, :2].mean(axis=0)
+    return bool(np.linalg.svd(places, compute_uv=False)[1] > board.square / 2)
 
 
 def _find_chessboard(board: Chessboard, grey: NDArray[np.uint8]) -> tuple[NDArray[np.int64], FloatArray] | None:
@@ -338,26 +349,32 @@ def _unmirrored(grid: FloatArray) -> FloatArray:
 
 
 def _spacing(board: Board, ids: NDArray[np.int64], uv: FloatArray) -> FloatArray:
-    """Distance from each corner to its nearest neighbour of the board, px; (N,)."""
-    from scipy.spatial import cKDTree
+    """Side of a square at each corner, along its shortest direction in the image, px; (N,)."""
+    import cv2
 
-    distance, _ = cKDTree(uv).query(uv, k=2)
-    return np.asarray(distance[:, 1])
+    H, _ = cv2.findHomography(board.corners[ids, :2], uv)
+    if H is None:
+        return np.full(len(ids), 0.0)
+    x, y = board.corners[ids, :2].T
+    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+    J = np.stack([H[k, :2] - uv[:, k, None] * H[2, :2] for k in (0, 1)], axis=1) / w[:, None, None]
+    return np.asarray(np.linalg.svd(J, compute_uv=False)[:, 1]) * board.square
 
 
-def _half_window(board: Board, ids: NDArray[np.int64], uv: FloatArray) -> NDArray[np.int64]:
+def _half_window(board: Board, ids: NDArray[np.int64], uv: FloatArray) -> FloatArray:
+    """Half the side of the window in which each corner is refined, px; (N,)."""
     share = _HALF
     if isinstance(board, Charuco):  # nothing of a marker in the window
         share = min(share, _MARGIN * (board.square - board.marker) / (2 * board.square))
-    return np.clip(np.floor(share * _spacing(board, ids, uv)).astype(np.int64), *_HALVES)
+    return share * _spacing(board, ids, uv)
 
 
-def _refined(grey: NDArray[np.uint8], uv: FloatArray, half: NDArray[np.int64]) -> FloatArray:
+def _refined(grey: NDArray[np.uint8], uv: FloatArray, wanted: FloatArray) -> FloatArray:
     """Corners where the gradients around them cross; those that would leave their window stay."""
     import cv2
 
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-    refined = uv.astype(np.float32)
+    refined, half = uv.astype(np.float32), np.clip(np.floor(wanted).astype(np.int64), *_HALVES)
     for size in np.unique(half):
         chosen = half == size
         points = np.ascontiguousarray(refined[chosen]).reshape(-1, 1, 2)
@@ -373,7 +390,7 @@ def _blur(grey: NDArray[np.uint8], uv: FloatArray, spacing: FloatArray) -> float
     slope_u, slope_v = (cv2.Sobel(grey, cv2.CV_64F, *d, ksize=3, scale=1 / 8) for d in ((1, 0), (0, 1)))
     steep, height, width = np.hypot(slope_u, slope_v), *grey.shape
     widths = []
-    for (u, v), half in zip(np.rint(uv).astype(int), np.maximum(0.4 * spacing, 3).astype(int), strict=True):
+    for (u, v), half in zip(np.rint(uv).astype(int), np.maximum(0.5 * spacing, 3).astype(int), strict=True):
         part = (slice(max(v - half, 0), min(v + half + 1, height)), slice(max(u - half, 0), min(u + half + 1, width)))
         if grey[part].size:
             low, high = np.percentile(grey[part], _EDGE)
