@@ -10,24 +10,21 @@ from ...types import LENSES, FloatArray
 from ._adjustment import Seen, undistorted
 
 _FOCAL = np.geomspace(0.25, 6.0, 24)  # of the image's width: fields of view of 127° to 10° through a pinhole
+_TRIED = 10  # views, or up to twice as many, that tell the focal length to begin with
 _WORST = 1e3  # px, of a board that has no place
 
 
 def start_camera(lens: str, size: tuple[int, int], seen: Sequence[Seen]) -> tuple[FloatArray, dict[int, FloatArray]]:
     """Numbers of a camera with the focal length of `_FOCAL` that fits best, no distortion; and the board's places."""
-    best, found = np.inf, None
+    best, found, some = np.inf, None, seen[:: max(1, len(seen) // _TRIED)]
     for share in _FOCAL:
         f, (width, height) = share * size[0], size
         camera = np.array([f, f, (width - 1) / 2, (height - 1) / 2, *([0.0] * len(LENSES[lens]))])
-        places, errors = {}, []
-        for each in seen:
-            place, error = place_board(lens, camera, each)
-            places[each.place] = place
-            errors.append(min(error, _WORST))
+        errors = [min(place_board(lens, camera, each)[1], _WORST) for each in some]
         if (middle := float(np.median(errors))) < best:
-            best, found = middle, (camera, places)
+            best, found = middle, camera
     assert found is not None
-    return found
+    return found, {each.place: place_board(lens, found, each)[0] for each in seen}
 
 
 def place_board(lens: str, camera: FloatArray, seen: Seen) -> tuple[FloatArray, float]:
