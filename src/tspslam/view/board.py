@@ -23,6 +23,7 @@ _ARROW = 0.04  # of the image's width: an error at the end of the colour scale
 _MOST = 0.98  # quantile of errors at the end of the colour scale
 _BARS = 1.5  # inches
 _GAP = 0.35  # inches
+_SHORT = 3  # characters of a name that is written level
 _NAMED = 30  # views whose names are written
 LEFT_BAR, RIGHT_BAR = "#2f6fed", "#d55e00"
 
@@ -166,12 +167,14 @@ def _draw_bars(axes: Axes, found: Calibration) -> None:
         axes.bar(at + shift, errors, 0.38, color=colour, label=("left", "right")[side])
         axes.axhline(found.error[side], color=colour, linewidth=0.8, linestyle="--")
     names = [style.drawable(view.name)[-12:] for view in found.views] if len(at) <= _NAMED else []
-    ticks: Any = axes.set_xticks(at, labels=names, rotation=30, ha="right") if names else axes.set_xticks([])
+    slant: Any = {"rotation": 30, "ha": "right"} if max(map(len, names), default=0) > _SHORT else {}
+    ticks: Any = axes.set_xticks(at, labels=names, **slant) if names else axes.set_xticks([])
     for tick in ticks:
         tick.label1.set_parse_math(False)
     axes.set_xlim(-0.6, max(len(at) - 0.4, 0.6))
     axes.tick_params(labelsize=8, labelcolor=style.INK, labelfontfamily=style.FONT, color=style.RULE)
     axes.set_ylabel("view off by, px", family=style.FONT, size=9, color=style.INK)
-    axes.legend(fontsize=8, frameon=False, loc="upper right", ncols=2, prop={"family": style.FONT, "size": 8})
+    font = {"family": style.FONT, "size": 8}
+    axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, prop=font)
     for name, spine in axes.spines.items():
         spine.set(color=style.RULE, linewidth=0.8, visible=name in ("left", "bottom"))
