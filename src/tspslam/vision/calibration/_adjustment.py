@@ -15,9 +15,10 @@ import numpy as np
 from ...types import LENSES, BoolArray, FloatArray
 
 FOCAL, CENTRE = slice(0, 2), slice(2, 4)  # of a camera's numbers; then those of its lens
-_ROUNDS = 4  # of new weights
-_STEPS = 60  # of a round
-_ENOUGH = 1e-12  # relative fall of the cost at which a round ends
+_ROUNDS = 4  # of new weights, at most
+_SAME = 0.01  # relative change of the standard deviation at which weights stay
+_STEPS = 40  # of a round
+_ENOUGH = 1e-9  # relative fall of the cost at which a round ends
 _HUBER = 3.0  # standard deviations: corners farther off count less
 _PER_SIGMA = 1.1774  # median length of a 2-D normal error of standard deviation 1
 _FINEST = 1e-4  # px: errors below are rounding
@@ -78,11 +79,14 @@ class Solution(NamedTuple):
 
 def adjust(shape: Shape, seen: Sequence[Seen], start: FloatArray, free: BoolArray) -> Solution:
     """Minimise the corners' errors (Levenberg and Marquardt), with Huber's weights at a robust standard deviation."""
-    values = start.copy()
-    for _ in range(_ROUNDS):
-        scale = _HUBER * spread(_residuals(shape, seen, values))
-        values = _descend(shape, seen, values, free, scale)
+    values, scale = start.copy(), np.inf
     residuals = _residuals(shape, seen, values)
+    for _ in range(_ROUNDS):
+        before, scale = scale, _HUBER * spread(residuals)
+        if abs(scale - before) <= _SAME * scale:
+            break
+        values = _descend(shape, seen, values, free, scale)
+        residuals = _residuals(shape, seen, values)
     H, _, cost = _equations(shape, seen, values, scale)
     count = sum(each.size for each in residuals)
     variance = 2 * cost / max(count - int(free.sum()), 1)
@@ -144,7 +148,7 @@ def _equations(
         w = np.repeat(weight, 2)
         cost += float(np.sum(np.where(length <= scale, length**2 / 2, scale * (length - scale / 2))))
         weighted = J * w[:, None]
-        H[np.ix_(at, at)] += J.T @ weighted
+        H[at[:, None], at] += J.T @ weighted
         g[at] += weighted.T @ r.ravel()
     return H, g, cost
 
@@ -158,20 +162,18 @@ def project(shape: Shape, values: FloatArray, seen: Seen) -> tuple[FloatArray, F
     import cv2
 
     camera, place = values[shape.of_camera(seen.side)], values[shape.of_place(seen.place)]
-    numbers = range(*shape.of_camera(seen.side).indices(shape.size))
-    six = list(range(*shape.of_place(seen.place).indices(shape.size)))
+    unknowns = np.arange(shape.size)
+    numbers, six = unknowns[shape.of_camera(seen.side)], unknowns[shape.of_place(seen.place)]
     if seen.side == 0 or shape.sides == 1:
         uv, of_pose, of_camera = _project(shape.lens, camera, place, seen.xyz)
-        return uv, np.hstack([of_camera, of_pose]), [*numbers, *six]
+        return uv, np.hstack([of_camera, of_pose]), np.concatenate([numbers, six])
     pose = values[shape.of_pose]
     made = cv2.composeRT(place[:3], place[3:], pose[:3], pose[3:])
     both = np.concatenate([made[0].ravel(), made[1].ravel()])
     uv, of_both, of_camera = _project(shape.lens, camera, both, seen.xyz)
-    after_place = np.block([[made[2], made[3]], [made[6], made[7]]])
-    after_pose = np.block([[made[4], made[5]], [made[8], made[9]]])
-    joined = range(*shape.of_pose.indices(shape.size))
-    J = np.hstack([of_camera, of_both @ after_place, of_both @ after_pose])
-    return uv, J, [*numbers, *six, *joined]
+    turns, moves = np.hstack(made[2:6]), np.hstack(made[6:])
+    after_both = of_both[:, :3] @ turns + of_both[:, 3:] @ moves
+    return uv, np.hstack([of_camera, after_both]), np.concatenate([numbers, six, unknowns[shape.of_pose]])
 
 
 def _project(
