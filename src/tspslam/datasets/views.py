@@ -145,8 +145,8 @@ def _of_two(left: Path, right: Path) -> ImageFolders:
     for place in (left, right):
         if not place.is_dir():
             raise no_source(place) or bad_input(place, "is no folder", _KNOWN)
-    files = [list(images_in(place).values()) for place in (left, right)]
-    return ImageFolders(files[0], files[1], f"{name_of(left)} and {name_of(right)}")
+    sides = [list(images_in(place).values()) for place in (left, right)]
+    return ImageFolders(sides[0], sides[1], f"{name_of(left)} and {name_of(right)}")
 
 
 def _of_one(folder: Path) -> ImageFolders:
@@ -154,8 +154,8 @@ def _of_one(folder: Path) -> ImageFolders:
         raise no_source(folder) or bad_input(folder, "is no folder", _KNOWN)
     for left, right in _FOLDERS:
         if (folder / left).is_dir() and (folder / right).is_dir():
-            files = [list(images_in(folder / side).values()) for side in (left, right)]
-            return ImageFolders(files[0], files[1], name_of(folder))
+            sides = [list(images_in(folder / side).values()) for side in (left, right)]
+            return ImageFolders(sides[0], sides[1], name_of(folder))
     files = list(images_in(folder).values())
     for words in _SIDES:
         one, other = ([file for file in files if _without(file.stem, word) is not None] for word in words)

@@ -48,7 +48,8 @@ def find_views(
         Why pairs could not be read, by name.
     """
     places = np.unique(np.linspace(0, len(images) - 1, min(len(images), _LOOKED_AT)).round().astype(int))
-    views, unread = [], {}
+    views: list[BoardView] = []
+    unread: dict[str, str] = {}
     for done, k in enumerate(places.tolist()):
         if on_step:
             on_step(Step("corners", done, len(places)))
@@ -218,9 +219,7 @@ def describe_board(found: BoardCalibration) -> dict[str, Any]:
     dict
         Plain numbers, None for those that are not known.
     """
-    views = [
-        {key: None if value != value else value for key, value in asdict(view).items()} for view in found.views
-    ]
+    views = [{key: None if value != value else value for key, value in asdict(view).items()} for view in found.views]
     return {
         "board": name_of_board(found.board), "lens": found.rig.left.lens, "held": list(found.held),
         "left": asdict(found.rig.left), "right": asdict(found.rig.right),
@@ -248,18 +247,20 @@ def tabulate_board(found: BoardCalibration) -> list[str]:
     width = max(4, *(len(name) for name in [view.name for view in found.views] + list(found.left_out)))
     lines = [f"{'view':<{width}}  left, px  right, px  rows, px  tilt, °"]
     for view in found.views:
-        sides = "".join(f"{_number(value, 2):>{n}}" for value, n in ((view.left, 10), (view.right, 11), (view.rows, 10)))
+        sides = "".join(
+            f"{_number(value, 2):>{n}}" for value, n in ((view.left, 10), (view.right, 11), (view.rows, 10))
+        )
         lines.append(f"{view.name:<{width}}{sides}{view.tilt:>9.0f}")
     lines += [f"{name:<{width}}  left out: {reason}" for name, reason in found.left_out.items()]
     return [*lines, "", *_findings(found)]
 
 
 def _findings(found: BoardCalibration) -> list[str]:
-    left, right = found.rig.left, found.rig.right
+    left, right, sd = found.rig.left, found.rig.right, found.focal_sd
     lens = left.lens + (f", {', '.join(found.held)} held at 0" if found.held else "")
     return [
         f"lens          {lens}",
-        f"focal length  {left.fx:.2f} ± {found.focal_sd[0]:.2f} px left, {right.fx:.2f} ± {found.focal_sd[1]:.2f} right",
+        f"focal length  {left.fx:.2f} ± {sd[0]:.2f} px left, {right.fx:.2f} ± {sd[1]:.2f} px right",
         f"baseline      {1000 * found.baseline:.2f} ± {1000 * found.baseline_sd:.2f} mm",
         f"corners off   {found.error[0]:.3f} px left, {found.error[1]:.3f} px right (root mean square)",
         f"rows differ   {found.rows:.3f} px (root mean square), {found.rows_median:.3f} px (median)",

@@ -152,7 +152,9 @@ def _draw_side(axes: Axes, found: Calibration, side: int, norm: Normalize) -> No
     uv, error = found.residuals.uv[chosen], found.residuals.error[chosen]
     colours: Any = style.colours(np.linalg.norm(error, axis=1), norm, _MAP)
     reach = _ARROW * camera.width / (norm.vmax or 1.0)
-    axes.add_collection(LineCollection(list(np.stack([uv, uv + reach * error], axis=1)), colors=colours, linewidths=0.8))
+    axes.add_collection(
+        LineCollection(list(np.stack([uv, uv + reach * error], axis=1)), colors=colours, linewidths=0.8)
+    )
     axes.scatter(uv[:, 0], uv[:, 1], s=5, c=colours, linewidths=0, zorder=3)
     axes.set_xlim(-0.5, camera.width - 0.5)
     axes.set_ylim(camera.height - 0.5, -0.5)

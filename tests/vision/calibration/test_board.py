@@ -200,4 +200,4 @@ def test_coverage_counts_cells():
     uv = np.column_stack([u.ravel(), v.ravel()])
     assert judging.coverage(uv, SIZE) == 0.5
     assert judging.half_of(uv, SIZE) == "left"
-    assert judging.half_of(np.vstack([uv, uv + (320, 0)]), SIZE) == ""
+    assert judging.half_of(np.vstack([uv, np.add(uv, (320, 0))]), SIZE) == ""

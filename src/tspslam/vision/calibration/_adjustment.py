@@ -122,7 +122,7 @@ def _descend(shape: Shape, seen: Sequence[Seen], values: FloatArray, free: BoolA
 
 def _step(H: FloatArray, g: FloatArray, damping: float) -> FloatArray:
     diagonal = np.maximum(np.diag(H), 1e-12)
-    return np.linalg.solve(H + np.diag(damping * diagonal), g)
+    return np.asarray(np.linalg.solve(H + np.diag(damping * diagonal), g), np.float64)
 
 
 def _inverse(H: FloatArray) -> FloatArray:

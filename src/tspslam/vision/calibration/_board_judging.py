@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...types import FloatArray, RawRig
+from ...types import BoolArray, FloatArray, RawRig
 from ._adjustment import Seen, undistorted
 from ._board_start import matrix_of_pose, place_board
 
@@ -40,11 +40,11 @@ def rms(vectors: FloatArray) -> float:
     return float(np.sqrt(np.sum(vectors**2) / len(vectors))) if len(vectors) else float("nan")
 
 
-def blurred(widths: FloatArray) -> FloatArray:
+def blurred(widths: FloatArray) -> BoolArray:
     """Mark the views whose edges are far wider than those of the others; (n,) bool."""
     known = widths[np.isfinite(widths)]
     limit = max(_BLUR_FACTOR * float(np.median(known)), _BLUR_LEAST) if len(known) else np.inf
-    return np.nan_to_num(widths, nan=0.0) > limit
+    return np.asarray(np.nan_to_num(widths, nan=0.0) > limit)
 
 
 def limit_of(errors: FloatArray) -> float:

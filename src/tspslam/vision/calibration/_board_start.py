@@ -72,11 +72,13 @@ def pose_of_matrix(T: FloatArray) -> FloatArray:
 
 
 def start_pose(left: dict[int, FloatArray], right: dict[int, FloatArray]) -> FloatArray:
-    """The right camera's pose on which most views agree: that whose distances to the others' are least in the median."""
+    """The right camera's pose on which most views agree: that which is nearest to the others in the median."""
     motions = [matrix_of_pose(right[k]) @ np.linalg.inv(matrix_of_pose(left[k])) for k in sorted(left) if k in right]
     sums = []
     for T in motions:
         turns = [np.linalg.norm(T[:3, :3] - other[:3, :3]) for other in motions]
-        moves = [np.linalg.norm(T[:3, 3] - other[:3, 3]) / max(np.linalg.norm(T[:3, 3]), 1e-9) for other in motions]
+        moves = [
+            np.linalg.norm(T[:3, 3] - other[:3, 3]) / max(float(np.linalg.norm(T[:3, 3])), 1e-9) for other in motions
+        ]
         sums.append(float(np.median(np.add(turns, moves))))
     return pose_of_matrix(motions[int(np.argmin(sums))])

@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...types import LENSES, BoolArray, Camera, FloatArray, RawRig
 from . import _board_judging as judging
 from ._adjustment import Seen, Shape, Solution, adjust
-from ._board_start import matrix_of_pose, place_board, pose_of_matrix, start_camera, start_pose
+from ._board_start import matrix_of_pose, pose_of_matrix, start_camera, start_pose
 from .rectify import rectification
 from .targets import Board, Charuco, Corners, aligned, detect
 from .targets import Chessboard as Chessboard
@@ -271,7 +271,9 @@ class _Fit:
                 at += 1
             rows = judging.rms(self.rows(rig, k)) if len(parts) == 2 else float("nan")
             normal = matrix_of_pose(self.solution.values[self.shape.of_place(k)])[2, 2]
-            found.append(judging.Judged(*sides, rows, float(np.degrees(np.arccos(np.clip(abs(normal), 0, 1))))))
+            found.append(
+                judging.Judged(sides[0], sides[1], rows, float(np.degrees(np.arccos(np.clip(abs(normal), 0, 1)))))
+            )
         return found
 
     def rows(self, rig: RawRig, k: int) -> FloatArray:
@@ -283,12 +285,13 @@ class _Fit:
 
     def rig(self) -> RawRig:
         """What was found."""
-        cameras = [
-            Camera(*map(float, numbers[:4]), *self.size, tuple(map(float, numbers[4:])), lens=self.lens)
-            for numbers in self.cameras
-        ]
-        T = self.pose
-        return RawRig(*cameras, tuple(tuple(map(float, row)) for row in T))  # type: ignore[arg-type]
+        left, right = (self._camera(numbers) for numbers in self.cameras)
+        rows = [tuple(map(float, row)) for row in self.pose]
+        return RawRig(left, right, tuple(rows))  # type: ignore[arg-type]
+
+    def _camera(self, numbers: FloatArray) -> Camera:
+        fx, fy, cx, cy = map(float, numbers[:4])
+        return Camera(fx, fy, cx, cy, *self.size, distortion=tuple(map(float, numbers[4:])), lens=self.lens)
 
     def leave_out(self) -> None:
         """Leave out views that do not belong to the others, until all do."""
@@ -411,4 +414,6 @@ def _check_lens(rig: RawRig) -> None:
     try:
         rectification(rig)
     except InputError as error:
-        raise InputError(f"board: {error}; views near the corners of the images show what the lens does there") from error
+        raise InputError(
+            f"board: {error}; views near the corners of the images show what the lens does there"
+        ) from error

@@ -1,4 +1,4 @@
-"""Boards to calibrate with, a chessboard and a ChArUco board: what is printed on them, and their corners in an image."""
+"""Boards to calibrate with, chessboards and ChArUco boards: what is printed on them, their corners in an image."""
 
 from __future__ import annotations
 
@@ -107,16 +107,15 @@ class Charuco:
         if min(self.columns, self.rows) < 3:
             raise InputError(f"ChArUco board: has {self.columns} x {self.rows} squares, expected 3 x 3 or more")
         if not 0.3 <= self.marker / self.square <= 0.95:
-            raise InputError(
-                f"ChArUco board: marker is {self.marker:g} m in squares of {self.square:g} m, expected 0.3 to 0.95 of it"
-            )
+            said = f"marker is {self.marker:g} m in squares of {self.square:g} m"
+            raise InputError(f"ChArUco board: {said}, expected 0.3 to 0.95 of a square")
         count, needed = len(self._markers().bytesList), self.columns * self.rows // 2
         if count < needed:
             raise InputError(f"ChArUco board: {self.dictionary} has {count} markers, but {needed} are needed")
 
     @property
     def corners(self) -> FloatArray:
-        """Places of the inner corners, ((columns - 1) * (rows - 1), 3) float64, m; from the corner of what is printed."""
+        """Places of the inner corners, ((columns - 1) * (rows - 1), 3) float64, m, from a corner of the board."""
         return _grid(self.columns - 1, self.rows - 1, self.square, self.square)
 
     @property
@@ -220,7 +219,8 @@ def detect(board: Board, image: Image) -> Corners:
     ids, uv = found[0], (found[1] + 0.5) / scale - 0.5
     half = _half_window(board, ids, uv)
     if isinstance(board, Charuco):
-        ids, uv, half = (each[half >= _NARROWEST] for each in (ids, uv, half))
+        wide = half >= _NARROWEST
+        ids, uv, half = ids[wide], uv[wide], half[wide]
         if not _has_pose(board, ids):
             return Corners(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), size)
     refined = _refined(grey, uv, half)
@@ -263,14 +263,16 @@ def aligned(board: Board, left: Corners, right: Corners) -> Corners:
 
 def _check_board(board: Any, what: str, *lengths: str) -> None:
     for name in ("columns", "rows"):
-        value = getattr(board, name)
-        if isinstance(value, bool) or not isinstance(value, Integral) or not _CORNERS[0] <= value <= _CORNERS[1]:
+        value: Any = getattr(board, name)
+        if isinstance(value, bool) or not issubclass(type(value), Integral) or not _CORNERS[0] <= value <= _CORNERS[1]:
             raise InputError(f"{what}: {name} is {repr(value)[:40]}, expected {_CORNERS[0]} to {_CORNERS[1]}")
     for name in lengths:
         value = getattr(board, name)
-        if isinstance(value, bool) or not isinstance(value, Real) or not _LENGTHS[0] <= value <= _LENGTHS[1]:
+        if isinstance(value, bool) or not issubclass(type(value), Real) or not _LENGTHS[0] <= value <= _LENGTHS[1]:
             way = ": 25 mm are 0.025" if name == "square" else ""
-            raise InputError(f"{what}: {name} is {repr(value)[:40]} m, expected {_LENGTHS[0]:g} to {_LENGTHS[1]:g}{way}")
+            raise InputError(
+                f"{what}: {name} is {repr(value)[:40]} m, expected {_LENGTHS[0]:g} to {_LENGTHS[1]:g}{way}"
+            )
 
 
 def _grid(columns: int, rows: int, square: float, origin: float) -> FloatArray:
@@ -331,7 +333,7 @@ def _find_chessboard(board: Chessboard, grey: NDArray[np.uint8]) -> tuple[NDArra
 
     size = (board.columns, board.rows)
     by_squares = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    by_saddles = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    by_saddles = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     is_found, uv = cv2.findChessboardCorners(grey, size, flags=by_squares)
     if not is_found:
         is_found, uv = cv2.findChessboardCornersSB(grey, size, flags=by_saddles)
