@@ -73,9 +73,9 @@ class Step:
     Attributes
     ----------
     stage : str
-        What is being done: "tracking", "adjustment", "map", "pictures" or "report".
+        What is being done: "tracking", "adjustment", "map", "pictures" or "report"; "corners" or "calibration".
     done, total : int
-        Pairs, while tracking; of the other stages, 0 of 1.
+        Pairs, while tracking or looking for corners; of the other stages, 0 of 1.
     keyframes, lost, loops : int
         So far: keyframes, frames where tracking was lost, loops that were closed.
     """
