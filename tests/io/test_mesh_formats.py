@@ -272,7 +272,7 @@ def test_each_fault_is_named_in_one_line(tmp_path, name, data, said):
 @pytest.mark.parametrize("name", ["binary.stl", "text.STL", "a.off", "a.gltf"])
 def test_every_truncation_is_seen(tmp_path, name):
     whole = FILES[name]
-    for end in range(0, len(whole) - 20, max(len(whole) // 60, 1))  # behind are colours and a name:
+    for end in range(0, len(whole) - 20, max(len(whole) // 60, 1)):  # behind are colours and a name
         assert faults(saved(tmp_path, name, whole[:end]))
 
 
