@@ -14,6 +14,7 @@ from ...errors import InputError
 from ...types import FloatArray, Trajectory, real_array
 from ..se3 import alignment, inverse
 from .matching import Known, Overlap, checked_path, match_stamps
+from .offset import Offset, find_offset
 from .relative import (
     Delta,
     DistanceErrors,
@@ -68,6 +69,8 @@ class TrajectoryErrors(Brief):
         How the estimate was laid on the truth.
     offset_s : float
         What was added to the estimate's stamps, s.
+    offset_sigma_s : float
+        Its standard deviation, s; 0 where it was given.
     T_reference_estimate : (4, 4) float64
         The motion that did so; with ``"sim3"`` positions are multiplied by `scale` before.
     estimate, reference : (M, 3) float64
@@ -95,6 +98,7 @@ class TrajectoryErrors(Brief):
     warnings: tuple[str, ...]
     align: Align
     offset_s: float
+    offset_sigma_s: float
     T_reference_estimate: FloatArray
     estimate: FloatArray
     reference: FloatArray
@@ -108,7 +112,7 @@ def evaluate_trajectory(
     distances: ArrayLike = (10.0,),
     deltas: Sequence[str] = (),
     align: Align = "se3",
-    offset: float = 0.0,
+    offset: float | Literal["auto"] = 0.0,
 ) -> TrajectoryErrors:
     """Compare an estimated camera path with the true one.
 
@@ -132,8 +136,8 @@ def evaluate_trajectory(
     align : {"none", "origin", "se3", "sim3"}
         How the estimate is laid on the truth: not at all, by its first matched pose, by the best rigid motion, or by
         that and the best scale, which is then the scale of all that is measured.
-    offset : float
-        Added to the estimate's stamps, s; `find_offset` finds it.
+    offset : float or "auto"
+        Added to the estimate's stamps, s; what `find_offset` finds, if it is ``"auto"``.
 
     Returns
     -------
@@ -168,18 +172,21 @@ def evaluate_trajectory(
             f"evaluation: distances, max_stamp_difference are {lengths}, {max_stamp_difference}, expected > 0 m, >= 0 s"
         )
     wanted = {text: parse_delta(text) for text in deltas}
-    if align not in get_args(Align) or not np.isfinite(offset):
+    found = find_offset(estimate, reference) if offset == "auto" else Offset(float(offset), 0.0, 0.0, 0.0, 0.0)
+    if align not in get_args(Align) or not np.isfinite(found.seconds):
         raise InputError(
             f"evaluation: align, offset are {align!r}, {offset}, expected {get_args(Align)}, finite seconds"
         )
     known, truth = checked_path(estimate, "estimate"), checked_path(reference, "reference")
-    known = Known(known.stamps + offset, known.poses, known.unknown)
+    known = Known(known.stamps + found.seconds, known.poses, known.unknown)
     if (np.diff(known.stamps) <= 0).any():
-        raise InputError(f"evaluation: stamps that {offset:g} s are added to do not differ any more, expected less")
+        raise InputError(
+            f"evaluation: stamps that {found.seconds:g} s are added to do not differ any more, expected less"
+        )
     own, other = match_stamps(known.stamps, truth.stamps, max_stamp_difference)
     overlap = Overlap(known, truth, own, other)
     overlap.check(max_stamp_difference)
-    return _errors(overlap, lengths, wanted, align, offset)
+    return _errors(overlap, lengths, wanted, align, found)
 
 
 def _laid(P: FloatArray, Q: FloatArray, align: Align) -> tuple[FloatArray, float]:
@@ -190,7 +197,7 @@ def _laid(P: FloatArray, Q: FloatArray, align: Align) -> tuple[FloatArray, float
 
 
 def _errors(
-    overlap: Overlap, lengths: FloatArray, deltas: dict[str, Delta], align: Align, offset: float
+    overlap: Overlap, lengths: FloatArray, deltas: dict[str, Delta], align: Align, offset: Offset
 ) -> TrajectoryErrors:
     """Errors of matched poses."""
     P, Q = overlap.estimate.poses[overlap.own].copy(), overlap.truth.poses[overlap.other]
@@ -228,7 +235,8 @@ def _errors(
         truth_covered=overlap.span_of(overlap.truth, overlap.other),
         warnings=overlap.warnings(),
         align=align,
-        offset_s=float(offset),
+        offset_s=offset.seconds,
+        offset_sigma_s=offset.sigma_s,
         T_reference_estimate=T,
         estimate=laid,
         reference=true_position,

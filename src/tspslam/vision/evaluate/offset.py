@@ -63,8 +63,8 @@ def find_offset(estimate: Trajectory, reference: Trajectory) -> Offset:
     """Find the offset of two paths' clocks, at which they turn and move most alike.
 
     How fast a camera turns and moves depends neither on the world that its poses are in nor on when its clock began.
-    Both rates are sampled at 1.6 times the longer of the two median intervals; their mean squared difference, over their
-    variance, is computed at all offsets at which at least half of the shorter path lies on the other, and refined
+    Both rates are sampled at 1.6 times the longer of the two median intervals; their mean squared difference, over
+    their variance, is computed at all offsets at which at least half of the shorter path lies on the other, and refined
     between steps around the least of them.
 
     Parameters
