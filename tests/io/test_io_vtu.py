@@ -111,7 +111,7 @@ def test_meshio_reads_what_is_written(tmp_path):
 
 
 @pytest.mark.parametrize("binary", [True, False])
-@pytest.mark.parametrize("compression", ["zlib", None])
+@pytest.mark.parametrize("compression", ["zlib", "lzma", None])
 @pytest.mark.parametrize("header_type", ["UInt32", "UInt64"])
 def test_what_meshio_writes_is_read(tmp_path, binary, compression, header_type):
     meshio = pytest.importorskip("meshio")
@@ -189,7 +189,7 @@ ARRAY = '<DataArray type="{}" Name="a" NumberOfComponents="{}" format="{}">{}</D
         (grid(cells=CONNECTIVITY.format("0 1 2")), "without connectivity"),
         (grid(cells=CONNECTIVITY.format("0 1 3") + OFFSETS.format(3) + TYPES.format(5)), "outside 0 to 2"),
         (grid(cells=CONNECTIVITY.format("0 1 2") + OFFSETS.format(4) + TYPES.format(5)), "offsets"),
-        (grid(cells=CONNECTIVITY.format("0 1 2") + OFFSETS.format(3) + TYPES.format(7)), "VTK type 7"),
+        (grid(cells=CONNECTIVITY.format("0 1 2") + OFFSETS.format(3) + TYPES.format(10)), "VTK type 10"),
         (grid(cells=CONNECTIVITY.format("0 1 2") + OFFSETS.format(3) + TYPES.format(300)), "no number of its type"),
         (grid(cells=(CONNECTIVITY + OFFSETS + TYPES).format("0 1 2", 3, 5).replace("Int32", "Float32")), "integers"),
         (grid(point_data=ARRAY.format("String", 1, "ascii", "1 2 3")), "String"),

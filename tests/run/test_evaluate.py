@@ -247,3 +247,89 @@ def test_a_run_that_left_out_images_is_matched_by_their_numbers(paths, tmp_path)
     truth = np.array((paths / "truth.txt").read_text().splitlines(keepends=True), object)
     (paths / "pairs.txt").write_text("".join(truth[kept]))  # a line for each pair
     assert evaluated(tmp_path / "run", paths / "pairs.txt").scale == pytest.approx(1 / 1.01)
+
+
+def told(words, capsys):
+    """What the command says as JSON."""
+    assert cli.exit_code(["eval", *map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_options_of_the_command_are_those_of_the_function(paths, capsys):
+    pair = [paths / "estimate.tum", "--truth", paths / "truth.tum"]
+    found = told([*pair, "--align", "sim3", "--delta", "1f,2m, 0.5s", "--kitti", "--max-diff", "0.02"], capsys)
+    errors = evaluated(paths / "estimate.tum", paths / "truth.tum", align="sim3", deltas=["1f", "2m", "0.5s"])
+    assert found == describe_errors(errors, kitti=True)
+    assert found["ate_rmse_m"] < 1e-9
+    assert found["rpe_pairs_1f"] == 59
+    assert (found["kitti_translation_percent"], found["kitti_sections"]) == (None, {})
+    assert cli.exit_code(["eval", *map(str, pair), "--kitti", "--delta", "9f"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"kitti_translation_percent +- +no section of 100 m or more: the true path is [\d.]+ m long", out)
+    assert "of poses that are 9 frames apart" in out
+
+
+def test_the_table_of_kitti_is_shown_for_each_length(tmp_path, capsys):
+    truth = np.tile(np.eye(4), (400, 1, 1))
+    truth[:, 2, 3] = np.arange(400)
+    estimate = truth.copy()
+    estimate[:, 2, 3] *= 1.02
+    write_kitti(tmp_path / "a.txt", estimate)
+    write_kitti(tmp_path / "b.txt", truth)
+    assert cli.exit_code(["eval", str(tmp_path / "a.txt"), "--truth", str(tmp_path / "b.txt"), "--kitti"]) == 0
+    out = capsys.readouterr().out
+    assert "of sections of 100, 200, 300 m, mean" in out
+    assert re.search(r"^  300 m +2\.00\d* % +0 degrees/100 m, 10 sections$", out, re.MULTILINE)
+    found = told([tmp_path / "a.txt", "--truth", tmp_path / "b.txt", "--kitti"], capsys)
+    assert found["kitti_sections"]["100"] == pytest.approx([30, 2 * 1.01, 0])  # a section ends beyond its length
+
+
+def test_an_offset_is_given_or_found(paths, tmp_path, capsys):
+    from tests.vision.test_offset import even, late, walk
+
+    truth, estimate = walk(np.arange(0, 60, 0.05)), late(walk(np.arange(10, 40, 0.05)), -4)
+    for name, path in (("all", truth), ("part", estimate), ("even", even(np.arange(60)))):
+        write_tum(tmp_path / f"{name}.tum", path.stamp, path.T_world_camera)
+    pair = [tmp_path / "part.tum", "--truth", tmp_path / "all.tum"]
+    found = told([*pair, "--offset", "auto"], capsys)
+    assert found["offset_s"] == pytest.approx(4, abs=0.003)
+    assert 0 <= found["offset_sigma_s"] < 0.003
+    given = told([*pair, "--offset", "4"], capsys)
+    assert (given["offset_s"], given["offset_sigma_s"], given["matched"]) == (4, 0, 600)
+    assert given["ate_rmse_m"] < 1e-9
+    for words, said in (
+        ([paths / "estimate.txt", "--truth", paths / "truth.txt", "--offset", "1"], "poses without stamps go by their"),
+        ([paths / "even.tum", "--truth", paths / "even.tum", "--offset", "auto"], "turn and move evenly"),
+    ):
+        assert cli.exit_code(["eval", *map(str, words)]) == cli.BAD_INPUT
+        err = capsys.readouterr().err
+        assert said in err
+        assert err.count("\n") == 1
+
+
+def test_stamps_of_a_file_go_with_poses_that_have_none(paths, capsys):
+    (paths / "times.txt").write_text("".join(f"{5 + k / 10}\n" for k in range(60)))
+    cut(paths, "tail.tum", slice(20, None))
+    found = told([paths / "tail.tum", "--truth", paths / "truth.txt", "--stamps", paths / "times.txt"], capsys)
+    assert (found["matched"], found["truth_total"]) == (40, 60)
+    both = told([paths / "estimate.txt", "--truth", paths / "truth.txt", "--stamps", paths / "times.txt"], capsys)
+    assert both["matched"] == 60
+    words = ["eval", str(paths / "tail.tum"), "--truth", str(paths / "truth.tum"), "--stamps", str(paths / "times.txt")]
+    assert cli.exit_code(words) == cli.BAD_INPUT
+    assert "have stamps of their own" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--align", "best"], "expected one of none, origin, se3, sim3"),
+        (["--offset", "1_0"], "expected seconds or auto"),
+        (["--offset", "nan"], "expected seconds or auto"),
+        (["--delta", "10"], "is no length"),
+        (["--delta", "1f,,2m"], "is no length"),
+    ],
+)
+def test_a_word_that_is_none_is_a_usage_error(paths, capsys, words, said):
+    command = ["eval", str(paths / "estimate.tum"), "--truth", str(paths / "truth.tum"), *words]
+    assert cli.exit_code(command) == cli.USAGE
+    assert said in " ".join(capsys.readouterr().err.split())

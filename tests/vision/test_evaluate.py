@@ -207,3 +207,108 @@ def test_a_gap_of_an_age_is_no_frame():
     stamps = np.array([0, 0.1, 0.2, 1e8, 1e8 + 0.1, 1e15])
     errors = evaluate_trajectory(Trajectory(stamps, whole.T_world_camera), Trajectory(stamps, whole.T_world_camera))
     assert (errors.rpe_frames, errors.rpe_pairs) == (1, 3)
+
+
+def drive(n=2000, seed=3, drift=0.0):
+    """A path of 0.97 m a frame that turns, and by `drift` rad more in each."""
+    rng = np.random.default_rng(seed)
+    turns = np.cumsum(rng.normal(0, 0.02, n))
+    steps = np.tile(np.eye(4), (n, 1, 1))
+    steps[:, :3, :3] = Rotation.from_rotvec(
+        np.stack([0 * turns, np.diff(turns, prepend=0) + drift, 0 * turns], 1)
+    ).as_matrix()
+    steps[:, 2, 3] = 0.97
+    poses = [np.eye(4)]
+    for step in steps[1:]:
+        poses.append(poses[-1] @ step)
+    return Trajectory(0.1 * np.arange(n), np.array(poses))
+
+
+def test_the_table_of_kitti_is_that_of_its_definition():
+    truth, turned = drive(), drive(drift=1e-4)
+    found = evaluate_trajectory(turned, truth).kitti
+    assert list(found.per_length) == [100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0]
+    assert found.rotation_deg_100m == pytest.approx(np.degrees(1e-4) * 100 / 0.97, rel=0.01)  # they are longer
+    assert found.travelled_m == pytest.approx(1999 * 0.97)
+    sections, percents, degrees = 0, [], []
+    for length in found.per_length:  # by hand, section by section
+        for i in range(0, 2000, 10):
+            j = i + int(length / 0.97) + 1  # the first beyond
+            if j < 2000:
+                Q = inverse(truth.T_world_camera[i]) @ truth.T_world_camera[j]
+                E = inverse(inverse(turned.T_world_camera[i]) @ turned.T_world_camera[j]) @ Q
+                percents.append(100 * np.linalg.norm(E[:3, 3]) / length)
+                degrees.append(100 * np.degrees(rotation_angle(E[:3, :3])) / length)
+                sections += 1
+    np.testing.assert_allclose(found.translation_percent, np.mean(percents), rtol=1e-9)
+    np.testing.assert_allclose(found.rotation_deg_100m, np.mean(degrees), rtol=1e-9)
+    assert sum(row[0] for row in found.per_length.values()) == sections
+
+
+def test_a_path_too_short_for_kitti_has_no_section():
+    found = evaluate_trajectory(drive(90), drive(90)).kitti
+    assert (found.per_length, found.translation_percent) == ({}, 0.0)
+    assert found.travelled_m == pytest.approx(89 * 0.97)
+
+
+def test_errors_over_frames_seconds_and_metres_are_the_same_lengths_of_a_steady_path():
+    truth, turned = drive(300), drive(300, drift=1e-3)
+    found = evaluate_trajectory(turned, truth, deltas=["10f", "1s", "9.7m"]).per_delta
+    assert found["10f"].pairs == 290
+    assert found["10f"].rotation_deg == pytest.approx(np.degrees(0.01))
+    assert found["10f"].translation_m == pytest.approx(found["9.7m"].translation_m, rel=0.01)
+    assert found["10f"].translation_m == pytest.approx(found["1s"].translation_m, rel=0.01)
+    assert found["10f"].translation_percent == pytest.approx(100 * found["10f"].translation_m / 9.7, rel=0.01)
+    kept = np.delete(np.arange(300), [100, 101])
+    assert evaluate_trajectory(taken(turned, kept), truth, deltas=["1f"]).per_delta["1f"].pairs == 296
+
+
+@pytest.mark.parametrize("delta", ["", "0m", "1", "m", "1.5f", "-1m", "1_0m", "nanm", "1e3m", "10 m", 5])
+def test_a_delta_that_is_none_is_refused(delta):
+    with pytest.raises(InputError, match="is no length"):
+        evaluate_trajectory(path(), path(), deltas=[delta])
+
+
+def test_each_alignment_lays_the_path_as_it_says():
+    truth = path()
+    moved = elsewhere(path(scale=1.1))
+    errors = {align: evaluate_trajectory(moved, truth, align=align) for align in ("none", "origin", "se3", "sim3")}
+    assert errors["sim3"].ate_rmse_m < 1e-9
+    assert errors["sim3"].rpe_translation_m < 1e-9 < errors["se3"].rpe_translation_m
+    assert errors["origin"].ate_m[0] < 1e-9 < errors["se3"].ate_m[0]
+    assert errors["se3"].ate_rmse_m < errors["origin"].ate_rmse_m < errors["none"].ate_rmse_m
+    np.testing.assert_array_equal(errors["none"].estimate, moved.T_world_camera[:, :3, 3])
+    np.testing.assert_array_equal(errors["none"].T_reference_estimate, np.eye(4))
+    for one in errors.values():
+        assert one.scale == pytest.approx(1 / 1.1)
+        assert one.ate_sim3_rmse_m < 1e-9
+        assert one.ate_rmse_m == pytest.approx(np.sqrt(np.mean(one.ate_m**2)))
+    with pytest.raises(InputError, match="align"):
+        evaluate_trajectory(moved, truth, align="best")
+
+
+def test_an_offset_is_added_to_the_stamps_of_the_estimate():
+    early = Trajectory(path().stamp - 700, path().T_world_camera)
+    errors = evaluate_trajectory(early, path(), offset=700)
+    assert (errors.matched, errors.offset_s) == (120, 700.0)
+    for offset, said in ((0, "0 of 120 poses"), (np.nan, "finite seconds"), (1e30, "do not differ any more")):
+        with pytest.raises(InputError, match=said):
+            evaluate_trajectory(early, path(), offset=offset)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(("delta", "unit"), [("5f", "frames"), ("20m", "meters")])
+def test_errors_over_a_delta_are_those_of_evo(delta, unit):
+    pytest.importorskip("evo", reason="evo is not installed: pip install '.[dev]'")
+    from evo.core import metrics
+    from evo.core.trajectory import PoseTrajectory3D
+
+    reference, estimate = path(), elsewhere(path(noise=0.05, scale=1.01))
+    found = evaluate_trajectory(estimate, reference, deltas=[delta]).per_delta[delta]
+    both = tuple(PoseTrajectory3D(poses_se3=list(p.T_world_camera), timestamps=p.stamp) for p in (reference, estimate))
+    for part, ours in (("translation_part", found.translation_m), ("rotation_angle_deg", found.rotation_deg)):
+        metric = metrics.RPE(
+            metrics.PoseRelation[part], float(delta[:-1]), metrics.Unit[unit], all_pairs=True, pairs_from_reference=True
+        )
+        metric.process_data(both)
+        assert metric.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(ours, rel=1e-6)

@@ -98,7 +98,7 @@ def run_command(
 
 @app.command("filter")
 def filter_command(
-    mesh: Annotated[Path, typer.Argument(help="PLY, OBJ or VTU mesh, in the camera's frame, metres.")],
+    mesh: Annotated[Path, typer.Argument(help="Mesh (PLY, OBJ, OFF, STL, VTU, glTF), in the camera's frame, metres.")],
     image: Annotated[Path, typer.Option(help="Image that the camera took.")],
     calib: Annotated[Path, typer.Option(help="Calibration file.")],
     bits: BitsOption = None,

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 import typer
 
+from ..errors import InputError
 from ..printing import note, say
 from ._shared import ForceOption, JsonOption, SetOption, app, check_suffix
+
+if TYPE_CHECKING:
+    from ..vision.evaluate import Align
 
 
 @app.command("export")
@@ -64,28 +69,73 @@ def map_command(
 
 @app.command("eval")
 def eval_command(
-    run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI).")],
-    truth: Annotated[Path, typer.Option(help="True poses: a file (TUM, KITTI) or a sequence folder that has them.")],
-    max_difference: Annotated[float, typer.Option(min=0, help="Between two matched stamps, s.")] = 0.01,
+    run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI, EuRoC).")],
+    truth: Annotated[Path, typer.Option(help="True poses: such a file, or a sequence folder that has them.")],
+    stamps: Annotated[Path | None, typer.Option(help="Stamps of the lines of KITTI's form, s (times.txt).")] = None,
+    max_difference: Annotated[
+        float, typer.Option("--max-difference", "--max-diff", min=0, help="Between two matched stamps, s.")
+    ] = 0.01,
+    offset: Annotated[str, typer.Option(help="Added to the path's stamps, s; or auto: found from the motions.")] = "0",
+    align: Annotated[str, typer.Option(help="How the path is laid on the truth: none, origin, se3, sim3.")] = "se3",
+    delta: Annotated[str, typer.Option(help="Lengths over which motions are compared: 1f,10m,1s.")] = "",
+    kitti: Annotated[bool, typer.Option("--kitti", help="KITTI's table: errors over 100 to 800 m.")] = False,
     plot: Annotated[Path | None, typer.Option(help="PNG, PDF or SVG of both paths and the error along them.")] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure a camera path against the true one: ATE after alignment, RPE a frame and over 10 m."""
+    """Measure a camera path against the true one: ATE after alignment, RPE a frame and over any length."""
     from ..run.evaluate import describe_errors, evaluated, tabulate
 
     if plot:
         from ..run.guard import PICTURES, check_output
 
+        inputs = [path for path in (run, truth, stamps) if path]
         check_suffix(plot, list(PICTURES), "--plot")
-        check_output(plot, PICTURES[plot.suffix.lower()[1:]], [run, truth], is_forced=force)
-    errors = evaluated(run, truth, max_stamp_difference=max_difference)
+        check_output(plot, PICTURES[plot.suffix.lower()[1:]], inputs, is_forced=force)
+    errors = evaluated(
+        run, truth, max_stamp_difference=max_difference, stamps=stamps, align=_alignment(align), offset=_offset(offset),
+        deltas=_deltas(delta),
+    )  # fmt: skip
     if plot:
         from ..view import write_path_picture
 
         write_path_picture(errors, plot)
     for line in errors.warnings:
         note(f"warning: {line}")
-    say(*([json.dumps(describe_errors(errors))] if as_json else tabulate(errors)))
+    say(*([json.dumps(describe_errors(errors, kitti=kitti))] if as_json else tabulate(errors, kitti=kitti)))
     if plot and not as_json:
         say(f"wrote {plot}")
+
+
+def _alignment(text: str) -> Align:
+    from ..vision.evaluate import Align
+
+    if text not in get_args(Align):
+        expected = ", ".join(get_args(Align))
+        raise typer.BadParameter(f"{text!r}, expected one of {expected}", param_hint="--align")
+    return cast("Align", text)
+
+
+def _offset(text: str) -> float | Literal["auto"]:
+    from .._text import is_plain
+
+    if text == "auto":
+        return "auto"
+    try:
+        if not is_plain(text) or not abs(float(text)) < math.inf:
+            raise ValueError
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r}, expected seconds or auto", param_hint="--offset") from error
+    return float(text)
+
+
+def _deltas(text: str) -> list[str]:
+    from ..vision.evaluate import parse_delta
+
+    deltas = list(dict.fromkeys(part.strip() for part in text.split(","))) if text else []
+    for delta in deltas:
+        try:
+            parse_delta(delta)
+        except InputError as error:
+            raise typer.BadParameter(str(error), param_hint="--delta") from error
+    return deltas

@@ -14,7 +14,9 @@ from ._shared import BitsOption, ForceOption, JsonOption, app, check_suffix
 if TYPE_CHECKING:
     from ..run.given import Given
 
-SourceArgument = Annotated[Path, typer.Argument(help="Run folder, map or frame (.npz), or mesh (.vtu, .ply, .obj).")]
+SourceArgument = Annotated[
+    Path, typer.Argument(help="Run folder, map or frame (.npz), or mesh (.vtu, .ply, .obj, ...).")
+]
 FrameOption = Annotated[int | None, typer.Option(min=0, help="Index of a keyframe of the run [default: the map].")]
 ImageOption = Annotated[Path | None, typer.Option(help="Photo for a mesh in the camera's frame, m.")]
 CalibOption = Annotated[Path | None, typer.Option(help="Calibration file of that photo.")]

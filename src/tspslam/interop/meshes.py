@@ -170,7 +170,7 @@ def from_file(
     Parameters
     ----------
     mesh : path
-        .ply, .vtu, .obj or a stored frame; vertices as those of `from_arrays`, m.
+        What `tspslam.io.read_mesh` takes; vertices as those of `from_arrays`, m.
     image : path
         What the left camera saw.
     calibration : path

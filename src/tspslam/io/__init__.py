@@ -4,7 +4,7 @@ from .._atomic import atomic_write, write_bytes
 from .frames import read_frame, write_frame
 from .images import image_size, read_image, write_png
 from .manifest import Unit
-from .mesh import merge_corners, read_mesh
+from .mesh import merge_corners, read_mesh, read_polygons, triangulate_polygons
 from .ply import PlyMesh, read_ply, write_ply
 from .runfolder import RunFolder
 from .runs import StoredRun, load_run
@@ -30,9 +30,11 @@ __all__ = [
     "read_map",
     "read_mesh",
     "read_ply",
+    "read_polygons",
     "read_textured",
     "read_trajectory",
     "read_vtu",
+    "triangulate_polygons",
     "write_bytes",
     "write_frame",
     "write_kitti",

@@ -15,6 +15,8 @@ from ._words import words_of
 
 Columns = dict[str, NDArray[Any]]
 _STRUCT = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
+_ALIKE = 1 << 10  # corners of faces that are read in one go; larger ones are read row by row
+FACES = ("face", "tristrips")  # elements that have corners
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -23,12 +25,12 @@ class _EndError(InputError):
 
 
 def corners_of(element: Element) -> Property | None:
-    """Return the list property that holds the corners of the faces."""
-    return next((each for each in element.lists if element.name == "face" and each.name in _CORNERS), None)
+    """Return the list property that holds the corners of the faces, or of strips of them."""
+    return next((each for each in element.lists if element.name in FACES and each.name in _CORNERS), None)
 
 
 def read_elements(data: bytes, header: Header) -> dict[str, Columns]:
-    """Return the columns of every element: scalars, and the faces' corners as (F, 3); other lists are skipped."""
+    """Return the columns of every element: scalars, the faces' corners in a row and their lengths; no other lists."""
     read = _read_text if header.order == "" else _read_binary
     return read(data, header)
 
@@ -75,9 +77,10 @@ def _text_element(words: NDArray[np.float64], start: int, element: Element) -> t
     count, width = element.count, len(element.properties)
     if not width:
         return {}, start
-    if len(element.lists) == 1 and corners_of(element):
-        return _text_triangles(words, start, element)
     if element.lists:
+        read = _text_alike(words, start, element) if len(element.lists) == 1 and corners_of(element) else None
+        if read:
+            return read
 
         def take(code: str, number: int) -> list[Any]:
             nonlocal start
@@ -95,11 +98,14 @@ def _text_element(words: NDArray[np.float64], start: int, element: Element) -> t
     return columns, start + count * width
 
 
-def _text_triangles(words: NDArray[np.float64], start: int, element: Element) -> tuple[Columns, int]:
-    """Read faces in one go, as if all were triangles, and see whether they were."""
-    width = len(element.properties) + 3
-    whole = min(element.count, (len(words) - start) // width)
-    part = words[start : start + whole * width]
+def _text_alike(words: NDArray[np.float64], start: int, element: Element) -> tuple[Columns, int] | None:
+    """Read faces in one go, if all have as many corners as the first, as most files' do."""
+    before = element.properties.index(element.lists[0])
+    k = _whole(words[start + before]) if start + before < len(words) else 0
+    width = len(element.properties) + k
+    part = words[start : start + element.count * width]
+    if not k or len(part) < element.count * width or (part[before::width] != k).any():
+        return None
     columns: Columns = {}
     at = 0
     for each in element.properties:
@@ -107,20 +113,15 @@ def _text_triangles(words: NDArray[np.float64], start: int, element: Element) ->
             columns[each.name] = _numbers(part[at::width], each.code, element)
             at += 1
             continue
-        lengths = _numbers(part[at::width], "f8", element)
-        other = np.flatnonzero(lengths != 3)
-        if other.size:
-            raise _not_a_triangle(int(other[0]), lengths[other[0]])
-        sides = [_numbers(part[at + i :: width], each.code, element) for i in (1, 2, 3)]
-        columns[each.name] = np.stack(sides, axis=1)
-        at += 4
-    _check_whole(whole, element)
-    return columns, start + whole * width
+        sides = [_numbers(part[at + i :: width], each.code, element) for i in range(1, k + 1)]
+        columns |= {each.name: np.stack(sides, axis=1).ravel(), length_of(each): np.full(element.count, k)}
+        at += 1 + k
+    return columns, start + element.count * width
 
 
-def _check_whole(whole: int, element: Element) -> None:
-    if whole < element.count:
-        raise _EndError(f"ends within face {whole}, or that is no triangle")
+def _whole(value: float) -> int:
+    """A number of corners that faces have, or 0."""
+    return int(value) if 3 <= value <= _ALIKE and value == int(value) else 0
 
 
 def _numbers(exact: NDArray[np.float64], code: str, element: Element) -> NDArray[Any]:
@@ -147,16 +148,17 @@ def _binary_element(data: bytes, start: int, element: Element, order: str) -> tu
     if not element.properties:
         return {}, start
     if not element.lists:
-        table = np.frombuffer(data, _row_type(element, order), element.count, start)
+        table = np.frombuffer(data, _row_type(element, order, 0), element.count, start)
         return _native(table, element.properties), start + table.nbytes
-    if len(element.lists) == 1 and corners_of(element):
-        return _triangles(data, start, element, order)
+    read = _alike(data, start, element, order) if len(element.lists) == 1 and corners_of(element) else None
+    if read:
+        return read
 
     def take(code: str, number: int) -> tuple[Any, ...]:
         nonlocal start
         layout = f"{order}{number}{_STRUCT[code]}"
         if struct.calcsize(layout) > len(data) - start:
-            raise InputError("is truncated")
+            raise _EndError("is truncated")
         values = struct.unpack_from(layout, data, start)
         start += struct.calcsize(layout)
         return values
@@ -164,37 +166,37 @@ def _binary_element(data: bytes, start: int, element: Element, order: str) -> tu
     return _rows(take, element), start
 
 
-def _triangles(data: bytes, start: int, element: Element, order: str) -> tuple[Columns, int]:
-    """Read faces in one go, as if all were triangles, and see whether they were."""
+def _alike(data: bytes, start: int, element: Element, order: str) -> tuple[Columns, int] | None:
+    """Read faces in one go, if all have as many corners as the first, as most files' do."""
     corners = corners_of(element)
     assert corners is not None
-    dtype = _row_type(element, order)
-    whole = min(element.count, (len(data) - start) // dtype.itemsize)
-    table = np.frombuffer(data, dtype, whole, start)
-    lengths = table[_length_of(corners)]
-    other = np.flatnonzero(lengths != 3)
-    if other.size:
-        raise _not_a_triangle(int(other[0]), int(lengths[other[0]]))
-    _check_whole(whole, element)
-    return _native(table, element.properties), start + table.nbytes
+    head = np.frombuffer(data, _row_type(element, order, 0), 1, start) if element.count else None
+    k = _whole(float(head[length_of(corners)][0])) if head is not None else 0
+    dtype = _row_type(element, order, k)
+    if not k or element.count * dtype.itemsize > len(data) - start:
+        return None
+    table = np.frombuffer(data, dtype, element.count, start)
+    if (table[length_of(corners)] != k).any():
+        return None
+    columns = _native(table, element.properties)
+    columns |= {corners.name: columns[corners.name].ravel(), length_of(corners): np.full(element.count, k)}
+    return columns, start + table.nbytes
 
 
-def _not_a_triangle(face: int, corners: float) -> InputError:
-    return InputError(f"face {face} has {corners:g} corners, where 3 go")
-
-
-def _length_of(each: Property) -> str:
+def length_of(each: Property) -> str:
+    """Name of the column that has the lengths of a list."""
     # A blank cannot stand in a property's name, so this one is free.
     return f"{each.name} length"
 
 
-def _row_type(element: Element, order: str) -> np.dtype[Any]:
+def _row_type(element: Element, order: str, k: int) -> np.dtype[Any]:
+    """Type of a row whose lists have `k` values."""
     parts: list[tuple[Any, ...]] = []
     for each in element.properties:
         if each.length_code is None:
             parts.append((each.name, order + each.code))
         else:
-            parts += [(_length_of(each), order + each.length_code), (each.name, order + each.code, (3,))]
+            parts += [(length_of(each), order + each.length_code), (each.name, order + each.code, (k,))]
     return np.dtype(parts)
 
 
@@ -207,18 +209,27 @@ def _rows(take: Callable[[str, int], Any], element: Element) -> Columns:
     corners = corners_of(element)
     kept = [each for each in element.properties if each.length_code is None or each is corners]
     values: dict[str, list[Any]] = {each.name: [] for each in kept}
+    lengths: list[int] = []
     for row in range(element.count):
-        for each in element.properties:
-            if each.length_code is None:
-                values[each.name].append(take(each.code, 1)[0])
-                continue
-            length = int(take(each.length_code, 1)[0])
-            if each is corners and length != 3:
-                raise _not_a_triangle(row, length)
-            if length < 0:
-                raise InputError(f"has a list {each.name[:80]} of {length} values")
-            numbers = take(each.code, length)
-            if each is corners:
-                values[each.name].append(numbers)
-    shapes = {each.name: (-1, 3) if each is corners else (-1,) for each in kept}
-    return {each.name: np.array(values[each.name], each.code).reshape(shapes[each.name]) for each in kept}
+        try:
+            for each in element.properties:
+                if each.length_code is None:
+                    values[each.name].append(take(each.code, 1)[0])
+                    continue
+                numbers = _list(take, each, row, 3 if each is corners else 0)
+                if each is corners:
+                    values[each.name].extend(numbers)
+                    lengths.append(len(numbers))
+        except _EndError as error:
+            raise _EndError(f"ends within {'row' if corners is None else 'face'} {row}") from error
+    columns = {each.name: np.array(values[each.name], each.code) for each in kept}
+    return columns if corners is None else columns | {length_of(corners): np.array(lengths, np.int64)}
+
+
+def _list(take: Callable[[str, int], Any], each: Property, row: int, least: int) -> Any:
+    length = int(take(str(each.length_code), 1)[0])
+    if length < 0:
+        raise InputError(f"has a list {each.name[:80]} of {length} values")
+    if length < least:
+        raise InputError(f"face {row} has {length} corners, where 3 or more go")
+    return take(each.code, length)

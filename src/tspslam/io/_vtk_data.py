@@ -1,4 +1,4 @@
-"""The arrays inside a VTK XML file: text, base64 and raw bytes, plain or zlib-compressed."""
+"""The arrays inside a VTK XML file: text, base64 and raw bytes, plain, or compressed by zlib or LZMA."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from ._words import words_of
 
 LARGEST_ARRAY = 1 << 32
 BLOCK = 1 << 15
-# Deflate cannot shrink further than this.
-DEFLATE_RATIO = 1032
+# Each compressor that is read, and how far it can shrink: deflate 1032 : 1, LZMA's zeros some 7000 : 1.
+COMPRESSORS = {None: 1, "vtkZLibDataCompressor": 1032, "vtkLZMADataCompressor": 1 << 13}
+_LZMA_RATIO = COMPRESSORS["vtkLZMADataCompressor"]
+_LZMA_MEMORY = 1 << 28  # bytes that a block's decoder may take: its dictionary is as large as the file says
 
 TYPES = {
     "Int8": "i1",
@@ -68,8 +70,8 @@ class Layout:
         ``"<"`` or ``">"``.
     header : str
         Type of the size fields, ``"u4"`` or ``"u8"``.
-    compressed : bool
-        Whether arrays are zlib blocks.
+    ratio : int
+        Of `COMPRESSORS`: how far arrays can be shrunk.
     budget : Budget
         What all its arrays may take.
     appended : memoryview
@@ -80,7 +82,7 @@ class Layout:
 
     order: str
     header: str
-    compressed: bool
+    ratio: int
     budget: Budget
     appended: memoryview
     raw: bool = False
@@ -125,9 +127,9 @@ def decode_binary(source: memoryview, raw: bool, layout: Layout, code: str, coun
     """Return `count` numbers stored at the start of `source`, base64 unless `raw`, in native byte order."""
     dtype = np.dtype(layout.order + code)
     expected = count * dtype.itemsize
-    if expected > min(LARGEST_ARRAY, DEFLATE_RATIO * len(source) + 64):
+    if expected > min(LARGEST_ARRAY, layout.ratio * len(source) + 64):
         raise InputError(f"claims {expected} bytes, more than its {len(source)} can hold")
-    data = _inflated(source, raw, layout, expected) if layout.compressed else _plain(source, raw, layout, expected)
+    data = _inflated(source, raw, layout, expected) if layout.ratio > 1 else _plain(source, raw, layout, expected)
     return np.frombuffer(data, dtype).astype(dtype.newbyteorder("="))
 
 
@@ -158,16 +160,18 @@ def _inflated(source: memoryview, raw: bool, layout: Layout, expected: int) -> b
     parts, start = [], 0
     for number, size in enumerate(packed):
         whole = block if number < count - 1 else last or block
-        parts.append(_inflate(stream[start : start + size], whole))
+        parts.append(_inflate(stream[start : start + size], whole, layout.ratio))
         start += size
     return b"".join(parts)
 
 
-def _inflate(block: bytes, size: int) -> bytes:
-    machine = zlib.decompressobj()
+def _inflate(block: bytes, size: int, ratio: int) -> bytes:
+    from lzma import FORMAT_AUTO, LZMADecompressor, LZMAError
+
+    machine = LZMADecompressor(FORMAT_AUTO, _LZMA_MEMORY) if ratio == _LZMA_RATIO else zlib.decompressobj()
     try:
         data = machine.decompress(block, size + 1)
-    except zlib.error as error:
+    except (zlib.error, LZMAError, EOFError) as error:
         raise InputError(f"has a damaged block ({error})") from error
     if len(data) != size or not machine.eof:
         raise InputError(f"has a block that does not give {size} bytes")

@@ -1,26 +1,34 @@
-"""A triangle mesh from any format that we read; the suffix tells which."""
+"""A mesh from any format that we read; the suffix tells which."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import PathLike, bad_input, read_bytes
-from .._text import Line, is_plain, numbers, read_lines, unmarked
+from .._files import PathLike, bad_input
 from ..errors import InputError
+from ..topology.cells import Polygons
 from ..types import FloatArray
-from ._ply_header import parse_header
+from ._gltf import read_gltf
+from ._obj import read_obj
+from ._off import read_off
+from ._polygons import polygons_of, triangles_of
+from ._stl import read_stl
 from .frames import read_frame
-from .ply import read_ply
-from .vtu import read_vtu
+from .ply import read_faces
+from .vtu import read_grid
 
-_EXPECTED = "a triangle mesh in .ply, .vtu, .obj, or a frame's .npz"
+Mesh = tuple[FloatArray, Polygons]
 
 
 def read_mesh(path: PathLike) -> tuple[FloatArray, NDArray[np.int32]]:
-    r"""Read positions and triangles from a .ply, .vtu or .obj file, or a stored frame (.npz).
+    r"""Read positions and triangles from a .ply, .vtu, .obj, .off, .stl, .gltf or .glb file, or a stored frame (.npz).
+
+    A face of more than three corners is cut into a fan of triangles: a quad along the shorter of its diagonals that
+    lie inside it, a larger face from its first corner from which a fan covers it.
 
     Parameters
     ----------
@@ -30,53 +38,135 @@ def read_mesh(path: PathLike) -> tuple[FloatArray, NDArray[np.int32]]:
     Returns
     -------
     xyz : (N, 3) float64
-        Positions, m.
+        Positions, m. Equal corners of an STL file, which shares none, are one. A glTF file's, which has y up and z
+        back, are turned to x right, y down, z forward.
     faces : (F, 3) int32
         Triangles, winding kept.
 
     Raises
     ------
     InputError
-        If the suffix is another, or the file is not a sound triangle mesh with at least one face.
+        If the suffix is another, or the file is not a sound mesh with at least one face.
 
     Examples
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Path(folder, "a.obj").write_text("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n")
+    ...     _ = Path(folder, "a.obj").write_text("v 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nf 1 2 3 4\n")
     ...     xyz, faces = read_mesh(f"{folder}/a.obj")
     >>> faces.tolist()
-    [[0, 1, 2]]
+    [[0, 1, 2], [0, 2, 3]]
     """
-    xyz, faces = _read(path)
-    if not len(faces):
-        strips = " but triangle strips, which are not read" if _has_strips(path) else ""
-        raise bad_input(path, f"has {len(xyz)} vertices and no faces{strips}", _EXPECTED)
-    return xyz, faces
+    xyz, polygons = read_polygons(path)
+    try:
+        return xyz, triangulate_polygons(xyz, polygons)
+    except InputError as error:
+        raise bad_input(path, str(error), _EXPECTED) from error
 
 
-def _read(path: PathLike) -> tuple[FloatArray, NDArray[np.int32]]:
+def read_polygons(path: PathLike) -> Mesh:
+    r"""Read positions and faces as they stand in a file, not cut into triangles.
+
+    Parameters
+    ----------
+    path : str or path
+        As `read_mesh` takes it.
+
+    Returns
+    -------
+    xyz : (N, 3) float64
+        Positions, as `read_mesh` gives them.
+    polygons : Polygons
+        Faces of three corners and more, winding kept; `tspslam.build_cells` makes a cell complex of them.
+
+    Raises
+    ------
+    InputError
+        As `read_mesh`, but for faces that no fan of triangles covers.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "a.off").write_text("OFF\n4 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n4 0 1 2 3\n")
+    ...     xyz, polygons = read_polygons(f"{folder}/a.off")
+    >>> [face.tolist() for face in polygons]
+    [[0, 1, 2, 3]]
+    """
     suffix = Path(path).suffix.lower()
-    if suffix == ".ply":
-        ply = read_ply(path)
-        return ply.xyz, ply.faces
-    if suffix == ".vtu":
-        vtu = read_vtu(path)
-        return vtu.xyz, vtu.faces
-    if suffix == ".npz":
-        frame = read_frame(path)
-        return frame.cloud.xyz, frame.surface.faces
-    if suffix == ".obj":
-        return _read_obj(path)
-    raise bad_input(path, f"has the suffix {suffix!r}", _EXPECTED)
+    if suffix not in _READERS:
+        raise bad_input(path, f"has the suffix {suffix!r}", _EXPECTED)
+    xyz, polygons = _READERS[suffix](path)
+    if not len(polygons):
+        raise bad_input(path, f"has {len(xyz)} vertices and no faces", _EXPECTED)
+    return xyz, polygons
 
 
-def _has_strips(path: PathLike) -> bool:
-    """Whether a sound file without faces has an element of triangle strips, as PLY files of range scans do."""
-    if Path(path).suffix.lower() != ".ply":
-        return False
-    elements = parse_header(unmarked(read_bytes(path, _EXPECTED))).elements
-    return any(each.name == "tristrips" and each.count for each in elements)
+def triangulate_polygons(xyz: FloatArray, polygons: Polygons) -> NDArray[np.int32]:
+    """Cut faces into fans of triangles, as `read_mesh` does.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64
+        Positions, m.
+    polygons : Polygons
+        Faces of three corners and more.
+
+    Returns
+    -------
+    (F, 3) int32
+        Triangles in the order of the faces, winding kept: a face of k corners gives k - 2.
+
+    Raises
+    ------
+    InputError
+        If a face of more than three corners has a vertex twice, or no fan covers it.
+
+    Examples
+    --------
+    >>> from tspslam import build_cells
+    >>> square = build_cells([[0, 1, 2, 3]]).faces
+    >>> triangulate_polygons(np.array([[0, 0, 1], [3, 0, 1], [2, 1, 1], [0, 1, 1.0]]), square).tolist()
+    [[0, 1, 2], [0, 2, 3]]
+    """
+    return triangles_of(xyz, polygons)
+
+
+def _of_ply(path: PathLike) -> Mesh:
+    ply, polygons = read_faces(path)
+    return ply.xyz, polygons
+
+
+def _of_vtu(path: PathLike) -> Mesh:
+    grid, polygons = read_grid(path)
+    return grid.xyz, polygons
+
+
+def _of_frame(path: PathLike) -> Mesh:
+    frame = read_frame(path)
+    return frame.cloud.xyz, _triangular(frame.surface.faces, len(frame.cloud.xyz))
+
+
+def _of_stl(path: PathLike) -> Mesh:
+    corners = read_stl(path).reshape(-1, 3)
+    xyz, faces = merge_corners(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    return xyz, _triangular(faces, len(xyz))
+
+
+def _of_gltf(path: PathLike) -> Mesh:
+    xyz, faces = read_gltf(path)
+    return xyz, _triangular(faces, len(xyz))
+
+
+def _triangular(faces: NDArray[np.int32] | NDArray[np.int64], n: int) -> Polygons:
+    return polygons_of(np.full(len(faces), 3), faces, n)
+
+
+_READERS: dict[str, Callable[[PathLike], Mesh]] = {
+    ".ply": _of_ply, ".vtu": _of_vtu, ".obj": read_obj, ".off": read_off, ".coff": read_off, ".stl": _of_stl,
+    ".gltf": _of_gltf, ".glb": _of_gltf, ".npz": _of_frame,
+}  # fmt: skip
+_EXPECTED = f"a mesh with faces in {', '.join([name for name in _READERS if name != '.npz'])}, or a frame's .npz"
 
 
 def merge_corners(xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, NDArray[np.int32]]:
@@ -140,51 +230,3 @@ def _distinct(xyz: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     place = np.empty(len(xyz), np.int64)
     place[order] = np.searchsorted(first, earliest)
     return first, place
-
-
-def _read_obj(path: PathLike) -> tuple[FloatArray, NDArray[np.int32]]:
-    vertices: list[list[float]] = []
-    faces: list[list[int]] = []
-    for line in read_lines(path, _EXPECTED):
-        words = line[1].split("#", 1)[0].split()
-        try:
-            if words and words[0] == "v":
-                vertices.append(_position(path, line, words))
-            elif words and words[0] == "f":
-                faces.append(_triangle(words, len(vertices)))
-        except ValueError as error:
-            raise bad_input(path, f"line {line[0]} holds a word that is no number", _EXPECTED) from error
-        except _LineError as error:
-            raise bad_input(path, f"line {line[0]} {error}", _EXPECTED) from error
-    if not vertices:
-        raise bad_input(path, "has no vertices", _EXPECTED)
-    triangles = np.array(faces, np.int64).reshape(-1, 3)
-    bad = np.flatnonzero(((triangles < 0) | (triangles >= len(vertices))).any(axis=1))
-    if bad.size:
-        reason = f"face {bad[0]} has corners {(triangles[bad[0]] + 1).tolist()} of {len(vertices)} vertices"
-        raise bad_input(path, reason, _EXPECTED)
-    return np.array(vertices, np.float64), triangles.astype(np.int32)
-
-
-class _LineError(InputError):
-    """What is wrong with a line, without its number."""
-
-
-def _position(path: PathLike, line: Line, words: list[str]) -> list[float]:
-    position = numbers(path, line, words[1:4], _EXPECTED)
-    if len(position) < 3:
-        raise _LineError(f"has no three finite coordinates, but {len(position)}")
-    if not np.isfinite(position).all():
-        raise _LineError(f"has no three finite coordinates: {' '.join(words[1:4])[:60]}")
-    return position
-
-
-def _triangle(words: list[str], n: int) -> list[int]:
-    if len(words) != 4:
-        raise _LineError(f"has a face of {len(words) - 1} corners, where 3 go")
-    if not is_plain("".join(words)):
-        raise ValueError
-    corners = [int(word.split("/", 1)[0]) for word in words[1:]]
-    if not all(0 < abs(corner) < 1 << 31 for corner in corners):
-        raise _LineError("has a corner that counts neither from the first vertex nor from the last")
-    return [corner - 1 if corner > 0 else n + corner for corner in corners]

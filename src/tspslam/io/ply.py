@@ -14,11 +14,13 @@ from .._brief import Brief
 from .._files import PathLike, bad_input, read_bytes
 from .._text import unmarked
 from ..errors import InputError
+from ..topology.cells import Polygons
 from ..types import FloatArray, real_array
-from ._ply_body import corners_of, read_elements
+from ._ply_body import FACES, Columns, corners_of, length_of, read_elements
 from ._ply_header import Element, parse_header
+from ._polygons import polygons_of, rows_of_triangles, strip_triangles, triangles_of
 
-_EXPECTED = "a PLY file of points and triangles"
+_EXPECTED = "a PLY file of points and faces"
 _HEAD = 1 << 12  # bytes in which the format of a file is told
 _WORDS = {
     "i1": "char",
@@ -45,7 +47,7 @@ class PlyMesh(Brief):
     vertex : dict
         (N,) scalars of the vertices by name, in the file's type.
     face : dict
-        (F,) scalars of the faces by name, in the file's type.
+        (F,) scalars of the faces by name, in the file's type; triangles that are cut from one face have its.
     """
 
     xyz: FloatArray
@@ -170,10 +172,11 @@ def _indices(path: PathLike, name: str, values: ArrayLike, limits: tuple[int, in
 
 
 def read_ply(path: PathLike) -> PlyMesh:
-    """Read a PLY file of points and triangles: text, or binary of either byte order.
+    """Read a PLY file of points and faces: text, or binary of either byte order.
 
-    Elements other than ``vertex`` and ``face``, and lists other than the faces' corners, are skipped. Claimed sizes
-    are compared with the file's before memory is taken.
+    Faces of more than three corners are cut into triangles, as `read_mesh` says; strips of triangles are faces.
+    Elements other than ``vertex``, ``face`` and ``tristrips``, and lists other than the faces' corners, are skipped.
+    Claimed sizes are compared with the file's before memory is taken.
 
     Parameters
     ----------
@@ -188,8 +191,9 @@ def read_ply(path: PathLike) -> PlyMesh:
     Raises
     ------
     InputError
-        If the file is no PLY, is truncated, has an unknown type, a face that is no triangle (named), a coordinate
-        that is not finite (its vertex named), or a corner that is no vertex.
+        If the file is no PLY, is truncated, has an unknown type, a face of fewer than three corners or one that no
+        fan of triangles covers (named), a coordinate that is not finite (its vertex named), or a corner that is no
+        vertex.
 
     Examples
     --------
@@ -199,15 +203,21 @@ def read_ply(path: PathLike) -> PlyMesh:
     ...     read_ply(f"{folder}/a.ply").xyz.shape
     (3, 3)
     """
+    return read_faces(path)[0]
+
+
+def read_faces(path: PathLike) -> tuple[PlyMesh, Polygons]:
+    """Read a PLY file as `read_ply`, and its faces as they stand in it."""
     data = _plain_lines(unmarked(read_bytes(path, _EXPECTED)))
     try:
         header = parse_header(data)
         tables = read_elements(data, header)
         xyz = _positions(tables.get("vertex", {}))
         vertex = {name: values for name, values in tables.get("vertex", {}).items() if name not in ("x", "y", "z")}
-        face = tables.get("face", {})
-        faces = _triangles(face, header.elements, len(xyz))
-        return PlyMesh(xyz, faces, vertex, face)
+        polygons = _polygons(tables, header.elements, len(xyz))
+        rows = rows_of_triangles(polygons)
+        face = {name: values[rows] for name, values in tables.get("face", {}).items()}
+        return PlyMesh(xyz, triangles_of(xyz, polygons), vertex, face), polygons
     except InputError as error:
         raise bad_input(path, str(error), _EXPECTED) from error
     except MemoryError as error:
@@ -230,17 +240,30 @@ def _positions(columns: dict[str, NDArray[Any]]) -> FloatArray:
     return xyz
 
 
-def _triangles(columns: dict[str, NDArray[Any]], elements: list[Element], n: int) -> NDArray[np.int32]:
-    """Take the corners out of the faces' columns."""
-    corners = next((each for each in map(corners_of, elements) if each), None)
-    if corners is None:
-        if any(each.name == "face" and each.count for each in elements):
-            raise InputError("has faces without vertex_indices")
-        return np.empty((0, 3), np.int32)
-    values = columns.pop(corners.name)
-    if values.dtype.kind == "f":
-        raise InputError("has faces whose corners are no integers")
-    bad = np.flatnonzero(((values < 0) | (values >= n)).any(axis=1))
-    if bad.size:
-        raise InputError(f"face {bad[0]} has corners {values[bad[0]].tolist()}, where 0 to {n - 1} go")
-    return values.astype(np.int32)
+def _polygons(tables: dict[str, Columns], elements: list[Element], n: int) -> Polygons:
+    """Take the corners out of the faces' columns; of a file with strips they are faces, and no scalars are theirs."""
+    lengths, values = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for element in elements:
+        corners = corners_of(element)
+        if element.name not in FACES or (corners is None and not element.count):
+            continue
+        columns = tables[element.name]
+        if corners is None:
+            raise InputError(f"has a {element.name} without vertex_indices")
+        found, counts = columns.pop(corners.name), columns.pop(length_of(corners))
+        if found.dtype.kind == "f":
+            raise InputError(f"has a {element.name} whose corners are no integers")
+        if element.name != "face" and len(found):
+            found = _of_strips(found.astype(np.int64), counts)
+            counts = np.full(len(found) // 3, 3)
+            tables.get("face", {}).clear()
+        lengths.append(counts)
+        values.append(found.astype(np.int64))
+    return polygons_of(np.concatenate(lengths), np.concatenate(values), n)
+
+
+def _of_strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Corners of the triangles of strips; -1 ends one within a row."""
+    ends = np.union1d(np.flatnonzero(corners == -1), np.cumsum(counts)[:-1])
+    strips = np.split(corners, ends)
+    return np.concatenate([strip_triangles(strip[int(strip[:1].tolist() == [-1]) :]) for strip in strips]).ravel()

@@ -55,7 +55,7 @@ def read_textured(path: PathLike) -> TexturedMesh:
     Parameters
     ----------
     path : str or path
-        .ply, .vtu or .obj; the suffix tells.
+        What `read_mesh` takes; the suffix tells.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Camera paths as text: the TUM and KITTI forms."""
+"""Camera paths as text: the TUM, KITTI and EuRoC forms."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from numpy.typing import ArrayLike
 from .._atomic import write_bytes
 from .._checks import require_path
 from .._files import PathLike, bad_input
-from .._text import numbers, read_lines, split
 from ..types import FloatArray, Trajectory
+from ._path_text import FORMS, KITTI, TUM, check_rise, read_stamps, read_table
 
 _ORTHONORMAL = 1e-6
 _ROTATION = 1e-2  # of a written one: KITTI's have six digits
-_LARGEST_TEXT = 1 << 28  # bytes
-_TUM, _KITTI = 8, 12  # values in a line
-_FORMS = "lines of 8 numbers (TUM: stamp tx ty tz qx qy qz qw) or of 12 (KITTI: three rows of a pose)"
 
 
 def write_tum(path: PathLike, stamp: ArrayLike, T_world_camera: ArrayLike) -> None:
@@ -83,14 +80,24 @@ def write_kitti(path: PathLike, T_world_camera: ArrayLike) -> None:
     write_bytes(path, _text(poses[:, :3].reshape(-1, 12)))
 
 
-def read_trajectory(path: PathLike) -> Trajectory:
-    """Read a trajectory in TUM's or KITTI's form; KITTI's has no stamps, so they are the numbers of its lines, from 0.
+def read_trajectory(path: PathLike, stamps: PathLike | None = None) -> Trajectory:
+    """Read a trajectory in TUM's, KITTI's or EuRoC's form.
+
+    TUM's lines are ``stamp tx ty tz qx qy qz qw``, with blanks, tabs or commas between, s and m. KITTI's are the three
+    upper rows of a pose. EuRoC's ``data.csv`` has commas, stamps in ns, the place, the quaternion with w first, and
+    more that is left out; its poses are those of a sensor, so the camera's are known of a whole sequence folder alone
+    (`datasets.open_sequence`). A first line that names the columns tells the order of quaternions, and with [ns] that
+    stamps are in ns; without one, a whole number of 16 digits is in ns.
 
     Parameters
     ----------
     path : str or path
         A run folder, whose ``trajectory.tum`` is read, or text, in UTF-8 or with a byte-order mark; lines that begin
         with # or % are passed over, and in TUM's form blank ones. Rotations are made exact.
+
+    stamps : path, optional
+        A text with the stamp of each line of a file in KITTI's form, s; without one, its stamps are the numbers of its
+        lines, from 0.
 
     Returns
     -------
@@ -113,10 +120,13 @@ def read_trajectory(path: PathLike) -> Trajectory:
     [0.5, 0.6]
     """
     path = _file_of(path)
-    lines, table = _table(path)
-    if table.shape[1] == _KITTI:
-        return Trajectory(np.arange(len(table), dtype=np.float64), _poses(path, lines, table.reshape(-1, 3, 4)))
-    _check_stamps(path, lines, table[:, 0])
+    lines, table = read_table(path)
+    if table.shape[1] == KITTI:
+        times = np.arange(len(table), dtype=np.float64) if stamps is None else _stamps_of(path, stamps, len(table))
+        return Trajectory(times, _poses(path, lines, table.reshape(-1, 3, 4)))
+    if stamps is not None:
+        raise bad_input(path, "has stamps of its own", f"poses in KITTI's form to go with {stamps}")
+    check_rise(path, lines, table[:, 0])
     x, y, z, w = table[:, 4:].T
     length = np.sqrt(x * x + y * y + z * z + w * w)
     wrong = np.abs(length - 1) > _ROTATION
@@ -133,6 +143,13 @@ def read_trajectory(path: PathLike) -> Trajectory:
     return Trajectory(table[:, 0], _poses(path, lines, np.concatenate([R, table[:, 1:4, None]], axis=2)))
 
 
+def _stamps_of(path: PathLike, stamps: PathLike, count: int) -> FloatArray:
+    found = read_stamps(stamps)
+    if len(found) != count:
+        raise bad_input(stamps, f"has {len(found)} stamps", f"{count}, one for each line of {path}")
+    return found
+
+
 def _file_of(path: PathLike) -> PathLike:
     """The file itself, or that of a run folder."""
     require_path(path)
@@ -140,12 +157,12 @@ def _file_of(path: PathLike) -> PathLike:
         return path
     file = os.path.join(path, "trajectory.tum")
     if not os.path.isfile(file):
-        raise bad_input(path, "is a folder without trajectory.tum", f"a run folder that has a path, or {_FORMS}")
+        raise bad_input(path, "is a folder without trajectory.tum", f"a run folder that has a path, or {FORMS}")
     return file
 
 
 def has_stamps(path: PathLike) -> bool:
-    """Whether a trajectory file is in TUM's form, whose lines begin with a stamp; KITTI's has none.
+    """Whether the lines of a trajectory file begin with a stamp, as TUM's and EuRoC's; KITTI's have none.
 
     Parameters
     ----------
@@ -156,55 +173,7 @@ def has_stamps(path: PathLike) -> bool:
     -------
     bool
     """
-    return _table(_file_of(path))[1].shape[1] == _TUM
-
-
-def _table(path: PathLike) -> tuple[list[int], FloatArray]:
-    """Numbers of the lines of a text file, and their values, (n, 8) or (n, 12): NaN all through where one is."""
-    rows: list[list[float]] = []
-    at: list[int] = []
-    blank: list[int] = []
-    for line in read_lines(path, _FORMS, _LARGEST_TEXT):
-        if not line[1]:
-            blank.append(line[0])
-            continue
-        count = len(rows[0]) if rows else 0
-        rows.append(numbers(path, line, split(path, line, _FORMS, (count or _TUM, count or _KITTI)), _FORMS))
-        at.append(line[0])
-    if not rows:
-        raise bad_input(path, "has no line of values", _FORMS)
-    return _checked_table(path, at, np.array(rows), blank)
-
-
-def _checked_table(
-    path: PathLike, lines: list[int], table: FloatArray, blank: list[int]
-) -> tuple[list[int], FloatArray]:
-    """Refuse what is infinite or all unknown; in KITTI's form blank lines become rows."""
-    has_stamp = table.shape[1] == _TUM
-    bad = np.flatnonzero(np.isinf(table).any(axis=1) | (np.isnan(table[:, 0]) & has_stamp))
-    if bad.size:
-        raise bad_input(path, f"line {lines[bad[0]]} has a value that is not finite", _FORMS)
-    unknown = np.isnan(table).any(axis=1)
-    if unknown.all():
-        raise bad_input(
-            path, f"has no pose that is known: a value of each line is not finite ({len(table)} x NaN)", _FORMS
-        )
-    table[unknown, int(has_stamp) :] = np.nan
-    if has_stamp:
-        return lines, table
-    # Line k is for frame k: a blank one is a frame of which nothing is known, unless nothing follows it.
-    inner = [number for number in blank if number < lines[-1]]
-    order = np.argsort([*lines, *inner], kind="stable")
-    whole = np.concatenate([table, np.full((len(inner), _KITTI), np.nan)])
-    return [[*lines, *inner][k] for k in order], whole[order]
-
-
-def _check_stamps(path: PathLike, lines: list[int], stamps: FloatArray) -> None:
-    falls = np.diff(stamps) <= 0
-    if falls.any():
-        k = int(np.argmax(falls))
-        said = f"line {lines[k + 1]}: stamp {k + 2} is {stamps[k + 1]:.9f}, that before it {stamps[k]:.9f}"
-        raise bad_input(path, said, "a rise")
+    return read_table(_file_of(path))[1].shape[1] == TUM
 
 
 def _poses(path: PathLike, lines: list[int], rows: FloatArray) -> FloatArray:

@@ -15,14 +15,28 @@ from .._brief import brief
 from .._files import PathLike, bad_input, read_bytes, unpacked_limit
 from .._text import is_whole
 from ..errors import InputError
+from ..topology.cells import Polygons
 from ..types import FloatArray
-from ._vtk_data import LARGEST_ARRAY, NAMES, TYPES, Budget, Layout, decode_binary, decode_text, encode, packed
+from ._polygons import polygons_of, rows_of_triangles, triangles_of
+from ._vtk_data import (
+    COMPRESSORS,
+    LARGEST_ARRAY,
+    NAMES,
+    TYPES,
+    Budget,
+    Layout,
+    decode_binary,
+    decode_text,
+    encode,
+    packed,
+)
 
 if TYPE_CHECKING:
     from ..topology.complex import Complex
 
-_EXPECTED = "a VTK unstructured grid of lines and triangles"
-_LINE, _TRIANGLE = 3, 5
+_EXPECTED = "a VTK unstructured grid of lines and faces"
+_LINE, _TRIANGLE, _POLYGON, _PIXEL, _QUAD = 3, 5, 7, 8, 9  # VTK's numbers of cell types
+_CORNERS = {_LINE: 2, _TRIANGLE: 3, _PIXEL: 4, _QUAD: 4}  # a polygon has as many as its offset says
 _MAX_ELEMENTS = 10_000
 _MAX_SIGNS = 20 * _MAX_ELEMENTS  # "=": one an attribute, and a few to fill up base64
 
@@ -41,7 +55,8 @@ class VtuMesh(NamedTuple):
     point_data : dict
         (N,) or (N, C) arrays by name, as they stand in the file; one component gives (N,).
     cell_data : dict
-        (E + F,) or (E + F, C) arrays by name: all lines first, then all triangles.
+        (E + F,) or (E + F, C) arrays by name: all lines first, then all triangles; those that are cut from one face
+        have its values.
     """
 
     xyz: FloatArray
@@ -181,11 +196,12 @@ def _data_array(name: str, values: NDArray[Any]) -> str:
 
 
 def read_vtu(path: PathLike) -> VtuMesh:
-    """Read a VTK unstructured grid of lines and triangles.
+    """Read a VTK unstructured grid of lines, triangles, quads, pixels and polygons.
 
-    Text, base64 and raw, inline and appended, plain and zlib-compressed arrays are read. Claimed sizes are compared
-    with what is there before memory is taken, and all arrays together with 256 MiB and 64 times the file's size (4 GiB
-    at most), even if they share their bytes; a document type or an entity is refused.
+    Text, base64 and raw, inline and appended, plain, zlib- and LZMA-compressed arrays are read. Faces of more than
+    three corners are cut into triangles, as `read_mesh` says. Claimed sizes are compared with what is there before
+    memory is taken, and all arrays together with 256 MiB and 64 times the file's size (4 GiB at most), even if they
+    share their bytes; a document type or an entity is refused.
 
     Parameters
     ----------
@@ -213,6 +229,11 @@ def read_vtu(path: PathLike) -> VtuMesh:
     >>> edges.tolist(), faces.tolist()
     ([[0, 1], [0, 2], [1, 2]], [[0, 1, 2]])
     """
+    return read_grid(path)[0]
+
+
+def read_grid(path: PathLike) -> tuple[VtuMesh, Polygons]:
+    """Read a VTK grid as `read_vtu`, and its faces as they stand in it."""
     data = read_bytes(path, _EXPECTED)
     try:
         root, appended = _parsed(data)
@@ -263,17 +284,19 @@ def _layout(root: ET.Element, appended: bytes, budget: Budget) -> Layout:
         raise InputError(f"is a {root.tag} of type {root.get('type')}")
     order = {"LittleEndian": "<", "BigEndian": ">"}.get(root.get("byte_order", "LittleEndian"))
     header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))
+    if order is None or header is None:
+        raise InputError("has an unknown byte order or header type")
     compressor = root.get("compressor")
-    if order is None or header is None or compressor not in (None, "vtkZLibDataCompressor"):
-        raise InputError("has an unknown byte order, header type or compressor")
+    if compressor not in COMPRESSORS:
+        raise InputError(f"is compressed by {compressor}, where zlib and LZMA are read")
     section = root.find("AppendedData")
     raw = section is not None and section.get("encoding") == "raw"
     if not raw:
         appended = packed(appended)
-    return Layout(order, header, compressor is not None, budget, memoryview(appended), raw)
+    return Layout(order, header, COMPRESSORS[compressor], budget, memoryview(appended), raw)
 
 
-def _mesh(root: ET.Element, layout: Layout) -> VtuMesh:
+def _mesh(root: ET.Element, layout: Layout) -> tuple[VtuMesh, Polygons]:
     pieces = root.findall("UnstructuredGrid/Piece")
     if len(pieces) != 1:
         raise InputError(f"has {len(pieces)} pieces, where 1 is read")
@@ -285,33 +308,41 @@ def _mesh(root: ET.Element, layout: Layout) -> VtuMesh:
     bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
     if bad.size:
         raise InputError(f"vertex {bad[0]} has a coordinate that is not finite")
-    edges, faces, rank = _cells(pieces[0], n, n_cells, layout)
+    edges, polygons, rank = _cells(pieces[0], n, n_cells, layout)
+    rank = np.concatenate([rank[: len(edges)], rank[len(edges) :][rows_of_triangles(polygons)]])
     cell_data = {name: values[rank] for name, values in _arrays(pieces[0], "CellData", n_cells, layout).items()}
-    return VtuMesh(xyz, edges, faces, _arrays(pieces[0], "PointData", n, layout), cell_data)
+    faces = triangles_of(xyz, polygons)
+    return VtuMesh(xyz, edges, faces, _arrays(pieces[0], "PointData", n, layout), cell_data), polygons
 
 
 def _cells(
     piece: ET.Element, n: int, n_cells: int, layout: Layout
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.intp]]:
+) -> tuple[NDArray[np.int32], Polygons, NDArray[np.intp]]:
+    """Lines, faces, and the places of the one and the other among the cells."""
     kept = {element.get("Name"): element for element in piece.iterfind("Cells/DataArray")}
     if n_cells == 0:
-        return np.empty((0, 2), np.int32), np.empty((0, 3), np.int32), np.empty(0, np.intp)
+        return np.empty((0, 2), np.int32), polygons_of([], [], n), np.empty(0, np.intp)
     if not {"connectivity", "offsets", "types"} <= kept.keys():
         raise InputError("has cells without connectivity, offsets or types")
     types = _integers(kept["types"], n_cells, layout)
-    other = np.flatnonzero((types != _LINE) & (types != _TRIANGLE))
+    other = np.flatnonzero(~np.isin(types, [*_CORNERS, _POLYGON]))
     if other.size:
-        raise InputError(f"cell {other[0]} is of VTK type {types[other[0]]}, where 3 (line) and 5 (triangle) are read")
-    ends = np.cumsum(np.where(types == _LINE, 2, 3))
-    if not np.array_equal(_integers(kept["offsets"], n_cells, layout), ends):
+        read = "3 (line), 5 (triangle), 7 (polygon), 8 (pixel) and 9 (quad) are read"
+        raise InputError(f"cell {other[0]} is of VTK type {types[other[0]]}, where {read}")
+    ends = _integers(kept["offsets"], n_cells, layout)
+    lengths = np.diff(ends, prepend=0)
+    wanted = np.select([types == kind for kind in _CORNERS], list(_CORNERS.values()), lengths)
+    if (lengths != wanted).any() or (lengths < 2).any() or ends.max() > LARGEST_ARRAY or ends.min() < 0:
         raise InputError("has offsets that do not fit its cells' types")
     corners = _integers(kept["connectivity"], int(ends[-1]), layout)
     if corners.min() < 0 or corners.max() >= n:
         raise InputError(f"has a cell with a vertex outside 0 to {n - 1}")
-    lines, triangles = np.flatnonzero(types == _LINE), np.flatnonzero(types == _TRIANGLE)
+    pixels = np.flatnonzero(types == _PIXEL)  # along x first, then y: not around
+    corners[ends[pixels, None] + [-2, -1]] = corners[ends[pixels, None] + [-1, -2]]
+    lines, faces = np.flatnonzero(types == _LINE), np.flatnonzero(types != _LINE)
     edges = corners[ends[lines, None] + np.arange(-2, 0)].astype(np.int32)
-    faces = corners[ends[triangles, None] + np.arange(-3, 0)].astype(np.int32)
-    return edges, faces, np.concatenate([lines, triangles])
+    polygons = polygons_of(lengths[faces], corners[np.repeat(types != _LINE, lengths)], n)
+    return edges, polygons, np.concatenate([lines, faces])
 
 
 def _integers(element: ET.Element, count: int, layout: Layout) -> NDArray[np.int64]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,47 +16,63 @@ from ..errors import GeometryError, InputError
 from ..io import RunFolder, read_trajectory
 from ..io.trajectory import has_stamps
 from ..types import FloatArray, Trajectory
-from ..vision.evaluate import TrajectoryErrors, evaluate_trajectory
+from ..vision.evaluate import Align, DistanceErrors, TrajectoryErrors, evaluate_trajectory
 
 _TEN = 10.0  # m
 _FEWEST = 3  # poses: fewer are not compared
 _NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
-_WORDS = {
-    "ate_rmse_m": ("m", "error of positions after the best rigid motion, root mean square"),
-    "ate_sim3_rmse_m": ("m", "the same after the best motion and scale"),
-    "scale": ("", "that scale; below 1 where the path is too large"),
-    "rpe_translation_m_frame": ("m", "error of the motion from one frame to the next, root mean square"),
-    "rpe_rotation_deg_frame": ("degrees", "of its rotation"),
-    "rpe_translation_percent_10m": ("%", "error of the motion over 10 m of the way"),
-    "rpe_rotation_deg_10m": ("degrees", "of its rotation"),
-    "rpe_pairs": ("pairs", "of poses, which the errors from frame to frame are from"),
-    "rpe_frames": ("frames", "from one pose of such a pair to the other"),
-    "matched": ("poses", "of the path, which have a true one"),
-    "total": ("poses", "of the path in all"),
-    "truth_total": ("poses", "of the true path in all"),
-    "unknown": ("poses", "of the path that are NaN, left out"),
-    "truth_unknown": ("poses", "of the true path that are NaN, left out"),
-    "covered": ("%", "of the path's time from the first match to the last"),
-    "truth_covered": ("%", "of the true path's time from the first match to the last"),
+_SHARES = ("covered", "truth_covered")  # shown in per cent
+_LAID = {
+    "none": "as they are",
+    "origin": "after the first pose is laid on the true one",
+    "se3": "after the best rigid motion",
+    "sim3": "after the best motion and scale",
 }
-"""Unit and meaning of each number of `summary`; shares are shown in per cent."""
-_SHARES = ("covered", "truth_covered")
+_UNITS = {"f": "frames", "m": "m of the way", "s": "s"}
 
 
-def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0.01) -> TrajectoryErrors:
+class _Options(NamedTuple):
+    """How two paths are compared."""
+
+    max_stamp_difference: float
+    deltas: Sequence[str]
+    align: Align
+    offset: float | Literal["auto"]
+
+    def by_stamp(self, estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
+        return evaluate_trajectory(
+            estimate, reference, max_stamp_difference=self.max_stamp_difference, deltas=self.deltas, align=self.align,
+            offset=self.offset,
+        )  # fmt: skip
+
+    def by_number(self, estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
+        """Numbers of frames stand for stamps."""
+        if self.offset:
+            raise InputError(f"offset {self.offset}: poses without stamps go by their lines, expected stamps of both")
+        return self._replace(max_stamp_difference=_HALF).by_stamp(estimate, reference)
+
+
+def evaluated(
+    run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0.01, stamps: PathLike | None = None,
+    deltas: Sequence[str] = (), align: Align = "se3", offset: float | Literal["auto"] = 0.0,
+) -> TrajectoryErrors:  # fmt: skip
     """Compare the path of a run with a true one.
 
     Parameters
     ----------
     run : path
-        A run folder, or a trajectory file in TUM's or KITTI's form.
+        A run folder, or a trajectory file in TUM's, KITTI's or EuRoC's form.
     truth : path
         Such a file, or a sequence folder that has true poses. A file in KITTI's form has no stamps: its line k, from
         0, is for frame k of the run, or, where images without a partner were left out of the run, for image number k.
         Beside a file without stamps, one with stamps must have as many lines.
     max_stamp_difference : float
         Farthest that two matched stamps are apart, s.
+    stamps : path, optional
+        Stamps of the lines of those files that have none, s.
+    deltas, align, offset
+        As `tspslam.evaluate_trajectory`.
 
     Returns
     -------
@@ -71,23 +87,28 @@ def evaluated(run: PathLike, truth: PathLike, *, max_stamp_difference: float = 0
     require_path(run, "run")
     require_path(truth, "truth")
     run, truth = Path(run), Path(truth)
+    how = _Options(max_stamp_difference, deltas, align, offset)
+    has_own = run.is_dir() or has_stamps(run), truth.is_dir() or has_stamps(truth)
+    if stamps is not None and all(has_own):
+        raise InputError(f"{stamps}: {run} and {truth} have stamps of their own, expected one in KITTI's form")
+    is_stamped = [own or stamps is not None for own in has_own]
     if run.is_dir():
         estimate, rows = _of_run(run)
-        if truth.is_dir() or has_stamps(truth):
-            return evaluate_trajectory(estimate, _truth(truth), max_stamp_difference=max_stamp_difference)
-        reference = _truth(truth)
-        return _by_number(Trajectory(_frames(rows, len(reference)), estimate.T_world_camera), reference)
-    estimate, reference = read_trajectory(run), _truth(truth)
-    stamped = has_stamps(run), truth.is_dir() or has_stamps(truth)
-    if all(stamped):
-        return evaluate_trajectory(estimate, reference, max_stamp_difference=max_stamp_difference)
-    if any(stamped) and len(estimate) != len(reference):
-        said = "has stamps" if stamped[0] else "has no stamps"
+        reference = _truth(truth, None if has_own[1] else stamps)
+        if is_stamped[1]:
+            return how.by_stamp(estimate, reference)
+        return how.by_number(Trajectory(_frames(rows, len(reference)), estimate.T_world_camera), reference)
+    estimate = read_trajectory(run, None if has_own[0] else stamps)
+    reference = _truth(truth, None if has_own[1] else stamps)
+    if all(is_stamped):
+        return how.by_stamp(estimate, reference)
+    if any(is_stamped) and len(estimate) != len(reference):
+        said = "has stamps" if is_stamped[0] else "has no stamps"
         raise InputError(
             f"{run}: {said} and {len(estimate)} poses, {truth} has {len(reference)} and the other form: which is for "
             "which frame cannot be told; expected both with stamps, a run folder, or as many poses"
         )
-    return _by_number(_numbered(estimate), _numbered(reference))
+    return how.by_number(_numbered(estimate), _numbered(reference))
 
 
 def measured(
@@ -142,64 +163,114 @@ def _numbered(path: Trajectory) -> Trajectory:
     return Trajectory(np.arange(len(path), dtype=np.float64), path.T_world_camera)
 
 
-def _by_number(estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
-    return evaluate_trajectory(estimate, reference, max_stamp_difference=_HALF)
-
-
-def describe_errors(errors: TrajectoryErrors) -> dict[str, Any]:
+def describe_errors(errors: TrajectoryErrors, *, kitti: bool = False) -> dict[str, Any]:
     """Describe the errors in plain numbers, fit for JSON.
 
     Parameters
     ----------
     errors : TrajectoryErrors
         What was measured.
+    kitti : bool
+        Whether KITTI's table is told: ``kitti_sections`` has for each length, m, how many sections there are, their
+        error, %, and that of their rotation, degrees per 100 m.
 
     Returns
     -------
     dict of str to plain values
         Numbers with their unit in the name; None is not measured.
     """
-    ten = errors.per_distance[_TEN]
-    return {
-        "ate_rmse_m": errors.ate_rmse_m,
-        "ate_sim3_rmse_m": errors.ate_sim3_rmse_m,
-        "scale": errors.scale,
-        "rpe_translation_m_frame": errors.rpe_translation_m,
-        "rpe_rotation_deg_frame": errors.rpe_rotation_deg,
-        "rpe_translation_percent_10m": ten.translation_percent if ten.pairs else None,
-        "rpe_rotation_deg_10m": ten.rotation_deg if ten.pairs else None,
-        "rpe_pairs": errors.rpe_pairs,
-        "rpe_frames": errors.rpe_frames,
-        "matched": errors.matched,
-        "total": errors.total,
-        "truth_total": errors.truth_total,
-        "unknown": errors.unknown,
-        "truth_unknown": errors.truth_unknown,
-        "covered": errors.covered,
-        "truth_covered": errors.truth_covered,
-        "warnings": list(errors.warnings),
-    }
+    found: dict[str, Any] = {name: value for name, value, _, _ in _rows(errors, kitti)}
+    if kitti:
+        found["kitti_sections"] = {f"{length:g}": list(row) for length, row in errors.kitti.per_length.items()}
+    return found | {"warnings": list(errors.warnings)}
 
 
-def tabulate(errors: TrajectoryErrors) -> list[str]:
+def tabulate(errors: TrajectoryErrors, *, kitti: bool = False) -> list[str]:
     """Describe the errors in lines for people: name, value with its unit, and what it is.
 
     Parameters
     ----------
     errors : TrajectoryErrors
         What was measured.
+    kitti : bool
+        Whether KITTI's table is told.
 
     Returns
     -------
     list of str
-        One for each number of `summary`; "-" is not measured.
+        One for each number of `describe_errors`, and for each length of KITTI's table; "-" is not measured.
     """
-    found, lines = describe_errors(errors), []
-    for name, (unit, meaning) in _WORDS.items():
-        value = found[name]
-        shown = "-" if value is None else f"{value * (100 if name in _SHARES else 1):.6g} {unit}".rstrip()
+    lines = []
+    for name, value, unit, meaning in _rows(errors, kitti):
+        number = value if value is None or name not in _SHARES else 100 * value
+        shown = "-" if number is None else f"{number:.6g} {unit}".rstrip()
         lines.append(f"{name:<28}  {shown:<16}  {meaning}")
+    for length, (count, percent, degrees) in errors.kitti.per_length.items() if kitti else ():
+        lines.append(
+            f"  {f'{length:g} m':<26}  {f'{percent:.4g} %':<16}  {degrees:.4g} degrees/100 m, {count} sections"
+        )
     return lines
+
+
+Row = tuple[str, float | None, str, str]
+"""Name, value, unit and meaning of a number; shares are shown in per cent."""
+
+
+def _rows(errors: TrajectoryErrors, kitti: bool) -> Iterator[Row]:
+    yield from _of_positions(errors)
+    yield "rpe_translation_m_frame", errors.rpe_translation_m, "m", "error of the motion from one frame to the next"
+    yield "rpe_rotation_deg_frame", errors.rpe_rotation_deg, "degrees", "of its rotation; both root mean square"
+    yield from _of_length("10m", errors.per_distance[_TEN])
+    for name, found in errors.per_delta.items():
+        yield f"rpe_translation_m_{name}", found.translation_m if found.pairs else None, "m", "root mean square"
+        if name != "10m":
+            yield from _of_length(name, found)
+        yield f"rpe_pairs_{name}", found.pairs, "pairs", f"of poses that are {name[:-1]} {_UNITS[name[-1]]} apart"
+    if kitti:
+        yield from _of_kitti(errors)
+    if errors.offset_s or errors.offset_sigma_s:
+        yield "offset_s", errors.offset_s, "s", "added to the path's stamps"
+        yield "offset_sigma_s", errors.offset_sigma_s, "s", "its standard deviation; 0 where it was given"
+    yield "rpe_pairs", errors.rpe_pairs, "pairs", "of poses, which the errors from frame to frame are from"
+    yield "rpe_frames", errors.rpe_frames, "frames", "from one pose of such a pair to the other"
+    yield from _of_overlap(errors)
+
+
+def _of_positions(errors: TrajectoryErrors) -> Iterator[Row]:
+    ate = errors.ate_m
+    yield "ate_rmse_m", errors.ate_rmse_m, "m", f"error of positions {_LAID[errors.align]}, root mean square"
+    yield "ate_mean_m", float(ate.mean()), "m", "its mean"
+    yield "ate_median_m", float(np.median(ate)), "m", "its median"
+    yield "ate_max_m", float(ate.max()), "m", "its largest"
+    yield "ate_sim3_rmse_m", errors.ate_sim3_rmse_m, "m", "root mean square after the best motion and scale"
+    yield "scale", errors.scale, "", "that scale; below 1 where the path is too large"
+
+
+def _of_length(name: str, found: DistanceErrors) -> Iterator[Row]:
+    value = (found.translation_percent, found.rotation_deg) if found.pairs else (None, None)
+    said = f"error of the motion over {name[:-1]} {_UNITS[name[-1]]}"
+    yield f"rpe_translation_percent_{name}", value[0], "%", said
+    yield f"rpe_rotation_deg_{name}", value[1], "degrees", "of its rotation"
+
+
+def _of_kitti(errors: TrajectoryErrors) -> Iterator[Row]:
+    table = errors.kitti
+    lengths = list(table.per_length)
+    said = f"of sections of {', '.join(f'{length:g}' for length in lengths)} m, mean"
+    if not lengths:
+        said = f"no section of 100 m or more: the true path is {table.travelled_m:.4g} m long"
+    yield "kitti_translation_percent", table.translation_percent if lengths else None, "%", said
+    yield "kitti_rotation_deg_100m", table.rotation_deg_100m if lengths else None, "degrees", "of rotations, in 100 m"
+
+
+def _of_overlap(errors: TrajectoryErrors) -> Iterator[Row]:
+    yield "matched", errors.matched, "poses", "of the path, which have a true one"
+    yield "total", errors.total, "poses", "of the path in all"
+    yield "truth_total", errors.truth_total, "poses", "of the true path in all"
+    yield "unknown", errors.unknown, "poses", "of the path that are NaN, left out"
+    yield "truth_unknown", errors.truth_unknown, "poses", "of the true path that are NaN, left out"
+    yield "covered", errors.covered, "%", "of the path's time from the first match to the last"
+    yield "truth_covered", errors.truth_covered, "%", "of the true path's time from the first match to the last"
 
 
 def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:
@@ -229,8 +300,8 @@ def _frames(rows: list[dict[str, Any]], lines: int) -> FloatArray:
     return numbers if has_gaps and numbers.max() < lines else index
 
 
-def _truth(place: Path) -> Trajectory:
-    return _of_sequence(place) if place.is_dir() else read_trajectory(place)
+def _truth(place: Path, stamps: PathLike | None) -> Trajectory:
+    return _of_sequence(place) if place.is_dir() else read_trajectory(place, stamps)
 
 
 def _of_sequence(folder: Path) -> Trajectory:

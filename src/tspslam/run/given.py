@@ -108,7 +108,7 @@ def open_given(
     ----------
     source : path
         A run folder (its map, or the frame of a run of one; with `frame`, that keyframe), a map's or a frame's .npz,
-        or a mesh: .vtu and .ply with the signals that they carry, .obj without.
+        or a mesh: .vtu and .ply with the signals that they carry, others that `read_mesh` takes without.
     image, calibration : path, optional
         A photo and its camera, for a mesh in the camera's frame.
     frame : int, optional
@@ -135,7 +135,11 @@ def open_given(
         return Given(path, seen, (Path(image), Path(calibration)))
     if path.is_dir() or not path.suffix:
         if not path.exists():
-            raise bad_input(path, "is not there", "a run folder, a map or a frame (.npz), or a mesh (.vtu, .ply, .obj)")
+            raise bad_input(
+                path,
+                "is not there",
+                "a run folder, a map or a frame (.npz), or a mesh (.vtu, .ply, .obj, ...)",
+            )
         return Given(path, shown_of_run(path, frame)[1])
     if frame is not None:
         raise bad_input(path, "is a file", "a run folder to go with a frame's index")

@@ -16,7 +16,7 @@ from ..datasets.maps import read_levelled
 from ..errors import InputError
 from ..frame import Frame
 from ..interop.meshes import doubts_of_mesh, from_arrays
-from ..io import RunFolder, merge_corners, read_mesh, write_frame
+from ..io import RunFolder, merge_corners, read_polygons, triangulate_polygons, write_frame
 from ..io.mesh import repeated_corners
 from ..topology.complex import Complex
 from ..topology.harmonic import Tmahf
@@ -43,7 +43,7 @@ def filter_mesh(
     Parameters
     ----------
     mesh : path
-        PLY, OBJ, VTU or a stored frame; vertices in the camera's frame, m.
+        What `tspslam.io.read_mesh` takes; vertices in the camera's frame, m.
     image : path
         What the left camera saw.
     calibration : path
@@ -75,7 +75,7 @@ def filter_mesh(
     mesh = Path(mesh)
     pixels, used = read_levelled(image, bits)
     rig = read_rectified(calibration, (pixels.shape[1], pixels.shape[0]))
-    xyz, faces = read_mesh(mesh)
+    xyz, faces, polygons = _triangles(mesh)
     if merge:
         xyz, faces = _merged(mesh, xyz, faces)
     try:
@@ -88,7 +88,7 @@ def filter_mesh(
     with RunFolder.create(out, settings) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
-        record = _filter_record(frame, used)
+        record = _filter_record(frame, used, polygons)
         write_results(folder, [path], frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
@@ -102,7 +102,16 @@ def _merged(mesh: Path, xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[Floa
     return xyz, faces
 
 
-def _filter_record(frame: Frame, bits: int | None) -> dict[str, Any]:
+def _triangles(mesh: Path) -> tuple[FloatArray, NDArray[np.int32], int]:
+    """Positions, triangles, and how many faces of the file have more than three corners."""
+    xyz, polygons = read_polygons(mesh)
+    try:
+        return xyz, triangulate_polygons(xyz, polygons), int((np.diff(polygons.start) > 3).sum())
+    except InputError as error:
+        raise InputError(f"{mesh}: {error}") from error
+
+
+def _filter_record(frame: Frame, bits: int | None, polygons: int) -> dict[str, Any]:
     edges, faces = frame.complex_.edges, frame.complex_.faces
     sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
@@ -113,7 +122,7 @@ def _filter_record(frame: Frame, bits: int | None) -> dict[str, Any]:
         "defined": int(frame.response.defined.sum()),
         **({"bits": bits} if bits else {}),
         "warnings": [
-            *({"code": code, "message": message} for code, message in _warnings(frame)),
+            *({"code": code, "message": message} for code, message in _warnings(frame, polygons)),
             *no_response(int(frame.response.defined.sum())),
             *pixel_warnings(bits),
         ],
@@ -126,7 +135,9 @@ def _is_soup(complex_: Complex) -> bool:
     return len(complex_.faces) > 1 and len(complex_.edges) == 3 * len(complex_.faces)
 
 
-def _warnings(frame: Frame) -> Iterator[tuple[str, str]]:
+def _warnings(frame: Frame, polygons: int) -> Iterator[tuple[str, str]]:
+    if polygons:
+        yield "polygons", f"{polygons} faces of the mesh have more than three corners: they are cut into triangles"
     hidden = int((~frame.signals.vertex_ok).sum())
     if hidden:
         where = "hidden, outside the image or behind the camera"
