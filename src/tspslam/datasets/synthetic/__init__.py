@@ -10,6 +10,9 @@ A `Scene` is shapes and a camera's path; a `SyntheticSequence` takes pairs along
 """
 
 from .render import Geometry as Geometry
+from .scanner import Echoes as Echoes
+from .scanner import Scanner as Scanner
+from .scanner import scan as scan
 from .scenes import corridor as corridor
 from .scenes import room as room
 from .scenes import still as still
@@ -26,6 +29,6 @@ from .shapes import torus as torus
 from .texture import Texture as Texture
 
 __all__ = [
-    "PAPER_RIG", "Faults", "Geometry", "Scene", "Shape", "SyntheticSequence", "Texture",
-    "box", "corridor", "plane", "room", "sphere", "still", "street", "torus",
+    "PAPER_RIG", "Echoes", "Faults", "Geometry", "Scanner", "Scene", "Shape", "SyntheticSequence", "Texture",
+    "box", "corridor", "plane", "room", "scan", "sphere", "still", "street", "torus",
 ]  # fmt: skip
