@@ -87,6 +87,8 @@ if TYPE_CHECKING:
     from .topology.laplacian import unsigned_laplacian as unsigned_laplacian
     from .topology.mahf import mahf as mahf
     from .topology.mahf import mahf_bank as mahf_bank
+    from .topology.scan_surface import ScanSurface as ScanSurface
+    from .topology.scan_surface import scan_surface as scan_surface
     from .topology.spectral import chebyshev_filter as chebyshev_filter
     from .topology.spectral import heat_filter as heat_filter
     from .topology.spectral import heat_kernel as heat_kernel
@@ -184,6 +186,7 @@ _HOMES = {
     "vision.calibration.rectify": ("rectification",),
     "topological_map": ("TopologicalMap",),
     "topology.surface": ("DelaunaySurface", "delaunay_surface"),
+    "topology.scan_surface": ("ScanSurface", "scan_surface"),
     "topology.complex": ("Complex", "build_complex"),
     "topology.spectral": ("chebyshev_filter", "heat_filter", "heat_kernel", "smooth_signals", "tikhonov_filter"),
     "topology.spectrum": ("spectrum",),

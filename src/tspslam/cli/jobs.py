@@ -98,7 +98,16 @@ def run_command(
 
 @app.command("filter")
 def filter_command(
-    mesh: Annotated[Path, typer.Argument(help="Mesh (PLY, OBJ, OFF, STL, VTU, glTF), in the camera's frame, metres.")],
+    mesh: Annotated[
+        Path | None,
+        typer.Argument(help="Mesh (PLY, OBJ, OFF, STL, VTU, glTF), in the camera's frame, metres.", show_default=False),
+    ] = None,
+    *,
+    cloud: Annotated[Path | None, typer.Option(help="Scan of a LiDAR instead of a mesh: .bin, .pcd, .las, ...")] = None,
+    extrinsics: Annotated[
+        Path | None, typer.Option(help="Where the scanner stands: KITTI's calib.txt, T_camera_scan, a 4 x 4 matrix.")
+    ] = None,
+    surface: Annotated[str, typer.Option(help="Surface of a scan: range, or crust.")] = "range",
     image: Annotated[Path, typer.Option(help="Image that the camera took.")],
     calib: Annotated[Path, typer.Option(help="Calibration file.")],
     bits: BitsOption = None,
@@ -108,19 +117,40 @@ def filter_command(
     merge: Annotated[bool, typer.Option("--merge-corners", help="Make one vertex of those at the same place.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Filter the signals of a posed image on your own mesh (the topology wing alone)."""
+    """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""
     from ..run.mesh import filter_mesh
     from ..run.pipeline import Step
+    from ..run.scan import filter_scan
     from ..topology.harmonic import Tmahf
 
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    target = out or Path("runs") / f"{mesh.stem}-filter{'-merged' if merge else ''}"
-    check_folder(target, mesh, image, calib)
+    given = _one_of(mesh, cloud, extrinsics, surface, merge)
+    target = out or Path("runs") / f"{given.stem}-filter{'-merged' if merge else ''}"
+    check_folder(target, given, image, calib, extrinsics)
     with progress(as_json) as on_step:
         announce_compilation()
         on_step(Step("filter"))
-        result = filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits)
+        if mesh is not None:
+            result = filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits)
+        else:
+            kind: Any = surface
+            result = filter_scan(given, image, calib, target, stage, extrinsics=extrinsics, surface=kind, bits=bits)
     finish(result, as_json)
+
+
+def _one_of(mesh: Path | None, cloud: Path | None, extrinsics: Path | None, surface: str, merge: bool) -> Path:
+    """What is filtered, after the options have been found to go together."""
+    if surface not in ("range", "crust"):
+        raise typer.BadParameter(f"{surface!r}, expected range or crust", param_hint="--surface")
+    if cloud is None:
+        if extrinsics is not None or surface != "range":
+            raise typer.BadParameter("goes with --cloud", param_hint="--extrinsics" if extrinsics else "--surface")
+    elif merge:
+        raise typer.BadParameter("goes with a mesh", param_hint="--merge-corners")
+    given = mesh if cloud is None else cloud
+    if given is None or (mesh is not None and cloud is not None):
+        raise typer.BadParameter("expected a MESH or --cloud, one of both", param_hint="MESH")
+    return given
 
 
 def _open_source(

@@ -1,4 +1,4 @@
-"""What a map is good for: ``tspslam denoise``, ``segment``, ``quality`` and ``recognise``."""
+"""What a map is good for: ``tspslam denoise``, ``segment``, ``quality``, ``recognise`` and ``scans``."""
 
 from __future__ import annotations
 
@@ -142,6 +142,37 @@ def recognise_command(
         note(f"no two keyframes are alike at all, of those that are {apart} or more apart")
         return
     say(f"{'frame':>8} {'other':>8}  alike", *(f"{pair.frame:>8} {pair.other:>8}  {pair.score:.3f}" for pair in pairs))
+
+
+@app.command("scans")
+def scans_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    scans: Annotated[list[Path], typer.Argument(help="Scans of a LiDAR taken along it: .bin, .pcd, .las, ...")],
+    extrinsics: Annotated[Path, typer.Option(help="Where the scanner stands in the left camera's frame.")],
+    stamps: Annotated[Path | None, typer.Option(help="Times of the scans, s [default: names are frames].")] = None,
+    voxel: Annotated[float, typer.Option(help="Where an earlier scan is so near, m, a later one adds nothing.")] = 0.2,
+    output: OutputOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Join scans along a run to one complex, with signals and responses from the keyframes that see it."""
+    from ..run.given import name_beside, write_shown
+    from ..run.guard import MAPS, check_place
+    from ..run.scans import map_scans
+
+    target = output or name_beside(run, "scans", ".vtu")
+    check_suffix(target, [*_MESHES, "npz"], "--output")
+    kind = "map" if _kind(target) == "npz" else _kind(target)
+    inputs = [run, *scans, extrinsics, *([stamps] if stamps else [])]
+    check_place(target, MAPS[kind], inputs, is_forced=force)
+    found = map_scans(run, scans, extrinsics, stamps=stamps, voxel=voxel)
+    note(*(f"warning: {each}: the run has no pose for it" for each in found.unplaced))
+    write_shown(found.map_, target, _kind(target), inputs, is_forced=force)
+    map_, seen = found.map_, int(found.map_.signals.vertex_ok.sum())
+    counts = {"scans": len(scans) - len(found.unplaced), "points": found.points, "vertices": len(map_)}
+    counts |= {"edges": len(map_.complex_.edges), "faces": len(map_.complex_.faces), "seen": seen}
+    words = ", ".join(f"{count} {name}" for name, count in counts.items())
+    _tell(counts, words, target, None, None, as_json)
 
 
 def _open(

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from .._files import one_line
 from ..errors import InputError
 from ..types import BoolArray, FloatArray, Image, RawRig, Rig, StereoPair
@@ -95,7 +93,7 @@ class Reader:
         try:
             left, right = self._levels(stored)  # before rectification, which makes values between those that occur
             if self.rectify:
-                left, right = map(_within, self.rectify(left, right))
+                left, right = self.rectify(left, right)
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
         bits = self._levels.bits_of(left)
@@ -108,12 +106,6 @@ def _parts_seen(made: Rectification) -> BoolArray | None:
     """Pixels that both cameras saw; None is all of them."""
     valid = made.valid
     return None if valid.all() else valid
-
-
-def _within(image: Image) -> Image:
-    """Luminance from 0 to 1 again, where cubic interpolation went beyond; OpenCV sees to that for integers."""
-    within: Image = np.clip(image, 0, 1) if image.dtype.kind == "f" else image
-    return within
 
 
 class FileReader(Reader):

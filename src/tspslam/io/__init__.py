@@ -1,6 +1,7 @@
 """Reading and writing: images, PLY, VTU, stored frames and maps, run folders. Files are whole or not there."""
 
 from .._atomic import atomic_write, write_bytes
+from .clouds import Scan, read_scan
 from .frames import read_frame, write_frame
 from .images import image_size, read_image, write_png
 from .manifest import Unit
@@ -16,6 +17,7 @@ from .vtu import VtuMesh, read_vtu, write_vtu
 __all__ = [
     "PlyMesh",
     "RunFolder",
+    "Scan",
     "StoredRun",
     "TexturedMesh",
     "Unit",
@@ -31,6 +33,7 @@ __all__ = [
     "read_mesh",
     "read_ply",
     "read_polygons",
+    "read_scan",
     "read_textured",
     "read_trajectory",
     "read_vtu",

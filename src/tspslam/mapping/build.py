@@ -29,7 +29,7 @@ from .sampling import (
 from .searching import find_again
 from .settings import MappingSettings, SurfaceSettings, ViewSettings
 from .surface import cut_surface, make_rays
-from .views import Sightings, View, take_keyframes
+from .views import NOTHING, Sightings, View, take_keyframes
 from .visibility import face_normals
 
 _BYTES = 12_000  # a landmark, as measured for 20 000 (12 kB) and 60 000 (7 kB)
@@ -85,6 +85,53 @@ def make_map(
     samples = sample_views(views, used, rig, shape, filter_, settings.views)
     numbers = np.array([view.number for view in views], np.int64)
     return _average_all(landmarks, shape, samples, T, numbers, rig, settings.views)
+
+
+def make_scan_map(
+    views: Sequence[View], xyz: FloatArray, faces: NDArray[np.int32], sigma: float, rig: Rig, filter_: Filter,
+    settings: ViewSettings,
+) -> TopologicalMap:  # fmt: skip
+    """Make a map of a surface that was measured otherwise: signals and responses from the keyframes that see it.
+
+    Parameters
+    ----------
+    views : sequence of View
+        One keyframe or more.
+    xyz : (N, 3) float64
+        Points in the world, m.
+    faces : (F, 3) int32
+        Triangles, wound so that normals look at where they were seen from.
+    sigma : float
+        Standard deviation of each coordinate, m.
+    rig : Rig
+        The cameras.
+    filter_ : callable, (Complex, uv, Signals) -> Response
+        The filter.
+    settings : ViewSettings
+        Which views count.
+
+    Returns
+    -------
+    TopologicalMap
+        Its vertices are no landmarks (their number is -1), and have no observations.
+
+    Raises
+    ------
+    InputError
+        If there is no keyframe, or the points take too much memory.
+    """
+    if not views:
+        raise InputError("map: no keyframe, expected one or more")
+    _check_memory(len(xyz), SurfaceSettings())
+    order = np.argsort([view.number for view in views], kind="stable")
+    views = [views[k] for k in order]
+    T = np.array([view.T_world_camera for view in views])
+    covariance = np.tile(sigma**2 * np.eye(3), (len(xyz), 1, 1))
+    shape = frame_shape(build_complex(faces, len(xyz)), faces, xyz, covariance)
+    samples = sample_views(views, np.arange(len(views)), rig, shape, filter_, settings)
+    numbers = np.array([view.number for view in views], np.int64)
+    landmarks = Landmarks(np.full(len(xyz), -1), xyz, NOTHING)
+    return _average_all(landmarks, shape, samples, T, numbers, rig, settings)
 
 
 def _check_memory(landmarks: int, settings: SurfaceSettings) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,10 +85,35 @@ def filter_mesh(
         raise InputError(f"{mesh}: {error}") from error
     given = [array_hash(values) for values in (pixels, xyz, faces)]
     settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
-    with RunFolder.create(out, settings) as folder:
+    return write_filtered(out, settings, frame, filter_record(frame, used, _warnings(frame, polygons)))
+
+
+def write_filtered(out: PathLike, settings: Mapping[str, Any], frame: Frame, record: dict[str, Any]) -> RunResult:
+    """Write the run folder of a single frame that no pair was read for.
+
+    Parameters
+    ----------
+    out : path
+        The run folder to fill.
+    settings : dict
+        What it was made with: the same again goes on with the folder.
+    frame : Frame
+        The frame.
+    record : dict
+        As `filter_record`.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    InputError, OutputError
+        If the folder holds something else, or cannot be written.
+    """
+    with RunFolder.create(out, dict(settings)) as folder:
         path = folder.frame_path(0)
         write_frame(path, frame)
-        record = _filter_record(frame, used, polygons)
         write_results(folder, [path], frame, record, folder.config_hash)
         folder.keep(name for name, unit in folder.units.items() if unit.input == folder.config_hash)
         folder.write_timings({"machine": machine()})
@@ -111,7 +136,22 @@ def _triangles(mesh: Path) -> tuple[FloatArray, NDArray[np.int32], int]:
         raise InputError(f"{mesh}: {error}") from error
 
 
-def _filter_record(frame: Frame, bits: int | None, polygons: int) -> dict[str, Any]:
+def filter_record(frame: Frame, bits: int | None, warnings: Iterable[tuple[str, str]]) -> dict[str, Any]:
+    """Summarize a frame that no pair was read for, as ``run.json`` has it.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame.
+    bits : int or None
+        How many bits the image's pixels use if they have 16.
+    warnings : iterable of (code, message)
+        What is doubtful.
+
+    Returns
+    -------
+    dict
+    """
     edges, faces = frame.complex_.edges, frame.complex_.faces
     sizes = {"n": len(frame.cloud), "edges": len(edges), "faces": len(faces)}
     return {
@@ -122,7 +162,7 @@ def _filter_record(frame: Frame, bits: int | None, polygons: int) -> dict[str, A
         "defined": int(frame.response.defined.sum()),
         **({"bits": bits} if bits else {}),
         "warnings": [
-            *({"code": code, "message": message} for code, message in _warnings(frame, polygons)),
+            *({"code": code, "message": message} for code, message in warnings),
             *no_response(int(frame.response.defined.sum())),
             *pixel_warnings(bits),
         ],

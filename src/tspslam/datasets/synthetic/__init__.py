@@ -13,6 +13,9 @@ A `RawSequence` takes them through lenses, such as fisheyes, and rectifies them.
 
 from .raw import RawSequence as RawSequence
 from .render import Geometry as Geometry
+from .scanner import Echoes as Echoes
+from .scanner import Scanner as Scanner
+from .scanner import scan as scan
 from .scenes import corridor as corridor
 from .scenes import room as room
 from .scenes import still as still
@@ -29,6 +32,6 @@ from .shapes import torus as torus
 from .texture import Texture as Texture
 
 __all__ = [
-    "PAPER_RIG", "Faults", "Geometry", "RawSequence", "Scene", "Shape", "SyntheticSequence", "Texture",
-    "box", "corridor", "plane", "room", "sphere", "still", "street", "torus",
+    "PAPER_RIG", "Echoes", "Faults", "Geometry", "RawSequence", "Scanner", "Scene", "Shape", "SyntheticSequence", "Texture",
+    "box", "corridor", "plane", "room", "scan", "sphere", "still", "street", "torus",
 ]  # fmt: skip
