@@ -16,7 +16,7 @@ from ._kinds import SUFFIXES, listed, no_source
 from ._pairing import images_in, name_of, path_of
 from ._reader import StoredImages
 from ._ros import is_bag
-from .folder import _natural
+from .folder import natural
 
 _FOLDERS = (
     ("left", "right"), ("images/left", "images/right"), ("cam0", "cam1"), ("mav0/cam0/data", "mav0/cam1/data"),
@@ -184,7 +184,7 @@ def _paired(left: Sequence[Path], right: Sequence[Path]) -> tuple[list[tuple[Pat
     for kind in range(3):
         one, other = ({_keys(file)[kind]: file for file in side} for side in (left, right))
         is_unique = len(one) == len(left) and len(other) == len(right)
-        if is_unique and (pairs := [(one[key], other[key]) for key in sorted(one.keys() & other.keys(), key=_natural)]):
+        if is_unique and (pairs := [(one[key], other[key]) for key in sorted(one.keys() & other.keys(), key=natural)]):
             break
     taken = {file for pair in pairs for file in pair}
     return pairs, [file for side in (left, right) for file in side if file not in taken]

@@ -32,6 +32,6 @@ from .shapes import torus as torus
 from .texture import Texture as Texture
 
 __all__ = [
-    "PAPER_RIG", "Echoes", "Faults", "Geometry", "RawSequence", "Scanner", "Scene", "Shape", "SyntheticSequence", "Texture",
-    "box", "corridor", "plane", "room", "scan", "sphere", "still", "street", "torus",
+    "PAPER_RIG", "Echoes", "Faults", "Geometry", "RawSequence", "Scanner", "Scene", "Shape", "SyntheticSequence",
+    "Texture", "box", "corridor", "plane", "room", "scan", "sphere", "still", "street", "torus",
 ]  # fmt: skip
