@@ -12,7 +12,9 @@ from ._progress import progress
 from ._shared import (
     BitsOption,
     ConfigOption,
+    FpsOption,
     JsonOption,
+    LayoutOption,
     OutOption,
     PresetOption,
     SetOption,
@@ -31,10 +33,12 @@ if TYPE_CHECKING:
 @app.command("run")
 def run_command(
     source: Annotated[
-        list[Path] | None, typer.Argument(help="LEFT RIGHT images, or a folder or bag of a sequence.")
+        list[Path] | None, typer.Argument(help="LEFT RIGHT images or videos, or a folder, bag or video.")
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     topics: TopicsOption = None,
+    layout: LayoutOption = None,
+    fps: FpsOption = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
     unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
@@ -72,7 +76,7 @@ def run_command(
         hint = "--unknown" if unit is None else "--unit"
         raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
-        pairs = _open_source(source or [], calib, topics, bits)
+        pairs = _open_source(source or [], calib, topics, bits, layout, fps)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
@@ -115,10 +119,22 @@ def filter_command(
     finish(result, as_json)
 
 
-def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
+def _open_source(
+    paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None, layout: str | None,
+    fps: float | None,
+) -> Source:  # fmt: skip
     from .. import datasets
+    from ..datasets._kinds import is_video
     from ..run.pipeline import OnePair
 
+    if layout and len(paths) != 1:
+        raise typer.BadParameter("goes with one video", param_hint="--layout")
+    if len(paths) == 2 and all(map(is_video, paths)):
+        if calib is None:
+            raise typer.BadParameter("two videos need a calibration file", param_hint="--calib")
+        return datasets.VideoSequence(paths, calib=calib, fps=fps, bits=bits)
+    if fps is not None and len(paths) != 1:
+        raise typer.BadParameter("goes with a video, or two", param_hint="--fps")
     if len(paths) == 2:
         if calib is None:
             raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
@@ -131,7 +147,7 @@ def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] 
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits)
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, layout=layout, fps=fps)
 
 
 def _open_map(

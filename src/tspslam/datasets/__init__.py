@@ -1,4 +1,4 @@
-"""Where pairs come from: a sample, folders in known layouts, bags of ROS, depth maps, worlds with a known truth."""
+"""Where pairs come from: a sample, folders in known layouts, bags, videos, depth maps, worlds with a known truth."""
 
 from . import synthetic as synthetic
 from .euroc import EurocSequence as EurocSequence
@@ -13,6 +13,8 @@ from .rosbag import RosbagSequence as RosbagSequence
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
 from .utias import UtiasRun as UtiasRun
+from .video import VideoImages as VideoImages
+from .video import VideoSequence as VideoSequence
 
 __all__ = [
     "EurocSequence",
@@ -20,6 +22,8 @@ __all__ = [
     "RosbagSequence",
     "StereoFolder",
     "UtiasRun",
+    "VideoImages",
+    "VideoSequence",
     "motorcycle",
     "motorcycle_truth",
     "open_sequence",

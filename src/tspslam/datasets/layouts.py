@@ -7,15 +7,16 @@ from pathlib import Path
 from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
-from ._kinds import listed, no_source
+from ._kinds import is_video, listed, no_source
 from ._ros import STORED, is_bag
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
 from .rosbag import RosbagSequence
 from .utias import UtiasRun
+from .video import VideoSequence, image_size
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
+Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | VideoSequence
 
 
 _KNOWN = "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, or a bag of ROS"
@@ -23,34 +24,39 @@ _OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layo
 
 
 def open_sequence(
-    path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None
-) -> Sequence:
-    """Open a folder or a bag of stereo pairs with the reader of its layout.
+    path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None,
+    layout: str | None = None, fps: float | None = None,
+) -> Sequence:  # fmt: skip
+    """Open a folder, a bag or a video of stereo pairs with the reader of its layout.
 
     Parameters
     ----------
     path : str or path
         A folder with `left/` and `right/`; with `mav0/` (EuRoC, ASL); with `image_0/` or `image_2/` (KITTI odometry),
         `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS); with `metadata.yaml` and `.db3` or `.mcap`
-        files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file.
+        files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file, or a video with both images.
     calib : str or path, optional
-        Calibration of a plain folder or a UTIAS run, or of a bag, where it stands in for the camera infos; the other
-        layouts bring their own.
+        Calibration of a plain folder, a video or a UTIAS run, or of a bag, where it stands in for the camera infos;
+        the other layouts bring their own.
     topics : tuple of 2 str, optional
         Topics of a bag with the left and the right images.
     bits : int, optional
         How many bits 16-bit pixels use, as in `StereoFolder`.
+    layout : str, optional
+        How both images are in a video, as in `VideoImages`.
+    fps : float, optional
+        Frames a second of a video, in place of its times.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence, UtiasRun or RosbagSequence
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence or VideoSequence
         Grey cameras where KITTI has both.
 
     Raises
     ------
     InputError
-        If the folder has none of these layouts, its reader refuses it, or `calib` or `topics` are given where they
-        are not used.
+        If the folder has none of these layouts, its reader refuses it, or `calib`, `topics`, `layout` or `fps` are
+        given where they are not used.
 
     Examples
     --------
@@ -64,6 +70,11 @@ def open_sequence(
     def has(*names: str) -> bool:
         return any((folder / name).is_dir() for name in names)
 
+    if is_video(folder) and folder.exists():
+        return _open_video(folder, calib, topics, layout, fps, bits)
+    for option, value in (("layout", layout), ("fps", fps)):
+        if value is not None:
+            raise InputError(one_line(f"{folder}: is no video, expected one with {option}={value!r}"))
     plain, utias = has("left", "right"), has("images/left", "images/right")
     if is_bag(folder) and not (plain or utias):
         left, right = topics or (None, None)
@@ -81,6 +92,18 @@ def open_sequence(
     if has(*_OWN):
         return KittiSequence(folder, colour=not has("image_0", "image_00"), bits=bits)
     raise _unknown(folder)
+
+
+def _open_video(
+    path: Path, calib: PathLike | None, topics: tuple[str, str] | None, layout: str | None, fps: float | None,
+    bits: int | None,
+) -> VideoSequence:  # fmt: skip
+    if topics is not None:
+        raise InputError(one_line(f"{path}: is no bag, expected one with topics {' and '.join(map(str, topics))}"))
+    if calib is None:
+        image_size(path, layout)  # what is wrong with the file comes first
+        raise InputError(one_line(f"{path}: is a video without a calibration, expected a file by --calib (calib=)"))
+    return VideoSequence(path, layout, calib=calib, fps=fps, bits=bits)
 
 
 def _unknown(folder: Path) -> InputError:

@@ -222,6 +222,7 @@ def _process_all(
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
     errors, said = measured(sequence.source, sequence.trajectory, sequence.wanted)
+    said = [*getattr(sequence.source, "warnings", ()), *said]
     record |= {"evaluation": describe_errors(errors)} if errors else {}
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
 
