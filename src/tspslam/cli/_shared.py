@@ -34,6 +34,9 @@ TopicsOption = Annotated[
 LayoutOption = Annotated[
     str | None, typer.Option(help="Both images in one video: side-by-side, over-under or alternate.")
 ]
+CameraOption = Annotated[
+    list[str] | None, typer.Option(help="A live camera, by number or device; twice for a left and a right one.")
+]
 FpsOption = Annotated[
     float | None, typer.Option("--fps", min=0.01, help="Frames a second, where names and files tell no times.")
 ]

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
+from ._live import open_cameras, until_interrupt
 from ._progress import progress
 from ._shared import (
     BitsOption,
+    CameraOption,
     ConfigOption,
     FpsOption,
     JsonOption,
@@ -39,6 +41,7 @@ def run_command(
     topics: TopicsOption = None,
     layout: LayoutOption = None,
     fps: FpsOption = None,
+    camera: CameraOption = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
     unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
@@ -70,20 +73,23 @@ def run_command(
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     if topics and (depth or disparity or len(source or []) != 1):
         raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
-    if depth or disparity:
+    if camera:
+        others = {"SOURCE": source, "--depth": depth, "--disparity": disparity, "--frames": frames, "--fps": fps}
+        pairs: Source = open_cameras(camera, layout, calib, out, others)
+    elif depth or disparity:
         pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
     elif unit is not None or unknown is not None:
         hint = "--unknown" if unit is None else "--unit"
         raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
         pairs = _open_source(source or [], calib, topics, bits, layout, fps)
-    wanted = _frame_range(frames, len(pairs))
+    wanted = range(0) if camera else _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
     set_threads(threads)
     with viewing(target if view else None) as viewer:
-        with progress(as_json) as on_step:
-            announce_compilation(is_sequence=len(wanted) > 1)
+        with until_interrupt(pairs), progress(as_json) as on_step:
+            announce_compilation(is_sequence=len(wanted) != 1)
             chosen_frames = wanted if frames else None
             result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
         try:

@@ -7,6 +7,7 @@ from .folder import pair_from_files as pair_from_files
 from .folder import read_pair as read_pair
 from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
+from .live import LiveSequence as LiveSequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
 from .rosbag import RosbagSequence as RosbagSequence
@@ -19,6 +20,7 @@ from .video import VideoSequence as VideoSequence
 __all__ = [
     "EurocSequence",
     "KittiSequence",
+    "LiveSequence",
     "RosbagSequence",
     "StereoFolder",
     "UtiasRun",

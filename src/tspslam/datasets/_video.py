@@ -29,7 +29,8 @@ _ROWS = 8  # every eighth row is summed: a block of a codec that is wrong has 8 
 _SHORT = 2, 0.01  # frames, and share of them, that a file may have fewer than it says: some say it by a mean rate
 _GREY = "Y800", "GREY", "Y8  "
 _JPEG = "MJPG", "mjpg", "jpeg", "JPEG", "mjpa", "mjpb"
-_quiet_lock = threading.Lock()
+_quiet_lock = threading.Lock()  # of how many threads want silence, and the level before the first did
+_silent = _level = 0
 
 
 class VideoFile:
@@ -88,7 +89,7 @@ class VideoFile:
     def __getitem__(self, number: int) -> Image:
         """Decode a frame, (H, W) or (H, W, 3) uint8 RGB; `InputError` if it is not what it was."""
         marks = self._indexed[1]
-        with self._lock, _silence(), _errors(self.path):
+        with self._lock, silence(), _errors(self.path):
             for reach in (self._on, *(self._after(back) for back in _BACK), self._anew):
                 pixels = reach(number)
                 if pixels is not None and _mark(pixels) == marks[number]:
@@ -132,7 +133,7 @@ class VideoFile:
 
         times: list[float] = []
         marks: list[int] = []
-        with _silence(), _errors(self.path):
+        with silence(), _errors(self.path):
             while (pixels := self._grab()) is not None:
                 times.append(self._said(cv2.CAP_PROP_POS_MSEC) / 1000)
                 marks.append(_mark(pixels))
@@ -144,7 +145,7 @@ class VideoFile:
     def _check_sizes(self) -> None:
         """Refuse frames of several sizes, as OpenCV gives all the size of the first; it tells no other codec's."""
         found: set[tuple[int, int]] = set()
-        with _silence(), _errors(self.path):
+        with silence(), _errors(self.path):
             packets = _undecoded(self.path)
             while len(found) < 2 and packets.grab():
                 size = jpeg_size(packets.retrieve()[1].tobytes())
@@ -215,7 +216,7 @@ def _opened(path: Path) -> Any:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     options = [cv2.CAP_PROP_N_THREADS, 1, cv2.CAP_PROP_HW_ACCELERATION, cv2.VIDEO_ACCELERATION_NONE]
     place = os.path.abspath(path)  # FFmpeg takes "http:..." and the like for what is not a file
-    with _silence(), _errors(path):
+    with silence(), _errors(path):
         capture = cv2.VideoCapture(place, cv2.CAP_FFMPEG, options)
         if capture.isOpened():
             capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
@@ -242,20 +243,22 @@ def _mark(pixels: Image) -> int:
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Keep OpenCV from writing on stderr."""
     import cv2
 
-    log: Any = getattr(cv2.utils, "logging", None)
-    if log is None:
-        yield
-        return
+    global _silent, _level
+    log: Any = cv2.utils.logging
     with _quiet_lock:
-        level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+        _level = log.setLogLevel(log.LOG_LEVEL_SILENT) if not _silent else _level
+        _silent += 1
     try:
         yield
     finally:
-        log.setLogLevel(level)
+        with _quiet_lock:
+            _silent -= 1
+            if not _silent:
+                log.setLogLevel(_level)
 
 
 @contextlib.contextmanager
