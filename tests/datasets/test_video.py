@@ -245,7 +245,7 @@ def test_sizes_that_do_not_fit_are_said_before_the_file_is_gone_through(tmp_path
         VideoImages(odd, "over-under")
     path = videos.write_video(tmp_path / "a.avi", beside(sides))
     save_cameras(RIG, tmp_path / "c.yaml")
-    said = r"c\.yaml: is of images of 64 x 48 px, each in the video has 128 x 24 px; .*another layout \(--layout\)"
+    said = r"c\.yaml: is of images of 64 x 48 px, those that are given have 128 x 24 px; .*another layout \(--layout\)"
     with pytest.raises(InputError, match=said):
         VideoSequence(path, "over-under", calib=tmp_path / "c.yaml")
     with pytest.raises(InputError, match="calib is None"):

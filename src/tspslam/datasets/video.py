@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -249,13 +250,23 @@ def cameras_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Rig | R
     """
     if calib is None:
         raise InputError("calib is None, expected the calibration of the video's cameras: a file (--calib)")
-    cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, size)
+    cameras = calib if isinstance(calib, Rig | RawRig) else _read_cameras(calib, size)
     known = cameras.left if isinstance(cameras, RawRig) else cameras
     if (known.width, known.height) != size:
         where = "calib" if isinstance(calib, Rig | RawRig) else str(calib)
-        said = f"is of images of {known.width} x {known.height} px, each in the video has {size[0]} x {size[1]} px"
+        said = f"is of images of {known.width} x {known.height} px, those that are given have {size[0]} x {size[1]} px"
         raise bad_input(where, said, "a calibration of that size, or another layout (--layout)")
     return cameras
+
+
+def _read_cameras(calib: PathLike, size: tuple[int, int]) -> Rig | RawRig:
+    """Cameras of a file: those of another size too, since the error about that names the layout."""
+    try:
+        return read_stereo(calib, size)
+    except InputError:
+        with contextlib.suppress(InputError):
+            return read_stereo(calib)
+        raise
 
 
 def halves(image: Image, layout: str) -> tuple[Image, Image]:
