@@ -18,6 +18,7 @@ from .._files import PathLike, bad_input, open_input, reason_of
 from ..errors import InputError
 from ..io.images import _check_size
 from ..types import FloatArray, Image
+from ._pairing import NANOSECONDS
 from ._video_container import jpeg_size, unreadable
 
 EXPECTED = "a video that FFmpeg reads, such as MP4, MKV or AVI"
@@ -127,15 +128,19 @@ class VideoFile:
         value = float(self._capture.get(what))
         return value if np.isfinite(value) else 0.0
 
-    def _index(self) -> tuple[FloatArray, list[int]]:
-        """When each frame is shown, and its checksum."""
+    def _time(self) -> float:
+        """When the frame that was decoded last is shown, s: whole nanoseconds, as other stamps are."""
         import cv2
 
+        return round(self._said(cv2.CAP_PROP_POS_MSEC) * 1e6) / NANOSECONDS
+
+    def _index(self) -> tuple[FloatArray, list[int]]:
+        """When each frame is shown, and its checksum."""
         times: list[float] = []
         marks: list[int] = []
         with silence(), _errors(self.path):
             while (pixels := self._grab()) is not None:
-                times.append(self._said(cv2.CAP_PROP_POS_MSEC) / 1000)
+                times.append(self._time())
                 marks.append(_mark(pixels))
         if not times:
             raise bad_input(self.path, f"has no frame that can be decoded (its codec is {self.codec})", EXPECTED)
@@ -184,7 +189,7 @@ class VideoFile:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, round(float(self.times[number]) * self.rate) - back)
             if not self._capture.grab():
                 return None
-            found = numbers.get(self._said(cv2.CAP_PROP_POS_MSEC) / 1000)
+            found = numbers.get(self._time())
             if found is None or found > number:
                 return None
             self._next = found + 1
