@@ -25,13 +25,12 @@ class Film:
     def __init__(self, path, interval=0.0, *, is_endless=False, pace=None):
         self.capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         self.interval, self.is_endless, self.pace = interval, is_endless, pace
-        self.is_released, self.due = False, time.monotonic()
+        self.is_released = False
 
     def grab(self):
         if self.pace is not None:
             assert self.pace.acquire(timeout=60)
-        self.due = max(self.due + self.interval, time.monotonic())
-        time.sleep(max(0.0, self.due - time.monotonic()))
+        time.sleep(self.interval)
         return self.capture.grab() or self.is_endless
 
     def retrieve(self):

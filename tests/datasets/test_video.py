@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -319,15 +318,16 @@ def test_damage_gives_frames_or_one_line(short_films, tmp_path, data):
             content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path = tmp_path / name
     path.write_bytes(content)
-    began = time.monotonic()
     try:
         found = VideoImages(path, "side-by-side", fps=10)
         images = [list(found.images(k)) for k in range(len(found))]
         assert all(image.shape[:2] == found.size[::-1] for pair in images for image in pair)
         assert np.array_equal(next(found.images(0)), images[0][0])
-    except InputError:
-        pass
-    assert time.monotonic() - began < 20  # no hang, on however slow a machine
+    except InputError as error:
+        said = str(error)
+    else:
+        said = ""
+    assert "\n" not in said
 
 
 def test_what_ffmpeg_meets_in_a_file_is_not_written_on_stderr(tmp_path):

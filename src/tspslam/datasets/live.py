@@ -37,10 +37,22 @@ class Capture(Protocol):
     """What a camera is read by: the part of OpenCV's ``VideoCapture`` that is used."""
 
     def grab(self) -> bool:
-        """Take the next image; False where there is none."""
+        """Take the next image.
+
+        Returns
+        -------
+        bool
+            False where there is none.
+        """
 
     def retrieve(self) -> tuple[bool, Any]:
-        """Give the image that was taken, BGR or grey."""
+        """Give the image that was taken.
+
+        Returns
+        -------
+        tuple of bool and (H, W, 3) or (H, W) uint8
+            Whether there is one; it is BGR or grey.
+        """
 
     def release(self) -> None:
         """Let go of the camera."""
@@ -413,8 +425,8 @@ def _sides(frames: list[Image], layout: str | None) -> tuple[Image, Image]:
     import cv2
 
     plain: list[Image] = [cv2.cvtColor(each, cv2.COLOR_BGR2RGB) if each.ndim == 3 else each for each in frames]
-    left, right = (np.ascontiguousarray(each) for each in (halves(plain[0], layout) if layout else plain))
-    return left, right
+    sides: list[Image] = [np.ascontiguousarray(each) for each in (halves(plain[0], layout) if layout else plain)]
+    return sides[0], sides[1]
 
 
 def _png(image: Image) -> bytes:

@@ -213,8 +213,10 @@ def image_size(paths: Paths, layout: str | None) -> tuple[int, int]:
 
     Parameters
     ----------
-    paths, layout
-        As `VideoImages`.
+    paths : str or path, or two of them
+        One video with both images, or a left and a right one.
+    layout : str or None
+        Of one video, one of `LAYOUTS`.
 
     Returns
     -------
@@ -274,14 +276,14 @@ def halves(image: Image, layout: str) -> tuple[Image, Image]:
 
     Parameters
     ----------
-    image : (H, W) or (H, W, 3) array
+    image : (H, W) or (H, W, 3) uint8
         The frame.
     layout : str
         ``"side-by-side"`` or ``"over-under"``.
 
     Returns
     -------
-    tuple of 2 arrays
+    tuple of 2 (h, w) or (h, w, 3) uint8
         Half as wide, or half as high; views of the frame.
     """
     return _HALVES[layout](image)

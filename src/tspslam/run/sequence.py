@@ -71,7 +71,18 @@ class GrowingSource(Source, Protocol):
     """Pairs that are still being taken; its length is that of those that are there."""
 
     def wait_for(self, index: int) -> bool:
-        """Wait until a pair is there; False if it never will be."""
+        """Wait until a pair is there.
+
+        Parameters
+        ----------
+        index : int
+            From 0; none before it is waited for later.
+
+        Returns
+        -------
+        bool
+            False if it never will be there.
+        """
 
 
 @dataclass(frozen=True)
