@@ -31,6 +31,15 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a file of 
 TopicsOption = Annotated[
     tuple[str, str] | None, typer.Option(metavar="LEFT RIGHT", help="Topics of a bag with the images.")
 ]
+LayoutOption = Annotated[
+    str | None, typer.Option(help="Both images in one video: side-by-side, over-under or alternate.")
+]
+CameraOption = Annotated[
+    list[str] | None, typer.Option(help="A live camera, by number or device; twice for a left and a right one.")
+]
+FpsOption = Annotated[
+    float | None, typer.Option("--fps", min=0.01, help="Frames a second, where names and files tell no times.")
+]
 BitsOption = Annotated[int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found].")]
 FpsOption = Annotated[
     float | None, typer.Option("--fps", min=0.01, help="Frames a second, where names and files tell no times.")

@@ -10,12 +10,15 @@ import typer
 
 from ..errors import InputError
 from ..printing import note, remarks_as_json
+from ._live import until_interrupt
 from ._progress import progress
 from ._shared import (
     BitsOption,
+    CameraOption,
     ConfigOption,
     FpsOption,
     JsonOption,
+    LayoutOption,
     OutOption,
     PresetOption,
     SetOption,
@@ -26,26 +29,29 @@ from ._shared import (
     check_folder,
     finish,
 )  # fmt: skip
-
-if TYPE_CHECKING:
-    from ..run.pipeline import Source
-
+from ._sources import Given, open_source
 
 @app.command("run")
 def run_command(
     source: Annotated[
-        list[Path] | None, typer.Argument(help="LEFT RIGHT images or folders, or a folder or bag of a sequence.")
+        list[Path] | None,
+        typer.Argument(help="LEFT RIGHT images, folders or videos; or one folder, bag or video of a sequence."),
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     topics: TopicsOption = None,
+    layout: LayoutOption = None,
+    fps: FpsOption = None,
+    camera: CameraOption = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
-    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
+    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of depths: 0.001 for mm.")] = None,
+    sensor: Annotated[
+        str | None, typer.Option(help="Of depths in a folder or bag: structured_light, time_of_flight, stereo.")
+    ] = None,
     unknown: Annotated[
         float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
     ] = None,
     bits: BitsOption = None,
-    fps: FpsOption = None,
     out: OutOption = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
@@ -68,26 +74,19 @@ def run_command(
         raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
-    if topics and (depth or disparity or not source):
-        raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
-    if fps is not None and (depth or disparity or not source):
-        raise typer.BadParameter("goes with a folder of images", param_hint="--fps")
-    if depth or disparity:
-        pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
-    elif unit is not None or unknown is not None:
-        hint = "--unknown" if unit is None else "--unit"
-        raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
-    else:
-        pairs = _open_source(source or [], calib, topics, bits, fps)
+    given = Given(
+        source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
+    )
+    pairs = open_source(given)
     with remarks_as_json() if as_json else contextlib.nullcontext():
         note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
-    wanted = _frame_range(frames, len(pairs))
+    wanted = range(0) if camera else _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
     set_threads(threads)
     with viewing(target if view else None) as viewer:
-        with progress(as_json) as on_step:
-            announce_compilation(is_sequence=len(wanted) > 1)
+        with until_interrupt(pairs), progress(as_json) as on_step:
+            announce_compilation(is_sequence=len(wanted) != 1)
             chosen_frames = wanted if frames else None
             result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
         try:
@@ -151,49 +150,6 @@ def _one_of(mesh: Path | None, cloud: Path | None, extrinsics: Path | None, surf
     if given is None or (mesh is not None and cloud is not None):
         raise typer.BadParameter("expected a MESH or --cloud, one of both", param_hint="MESH")
     return given
-
-
-def _open_source(
-    paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None, fps: float | None
-) -> Source:
-    from .. import datasets
-    from ..datasets.layouts import are_parts
-    from ..run.pipeline import OnePair
-
-    if are_parts(paths):
-        return datasets.open_sequence(paths, calib=calib, topics=topics, bits=bits, fps=fps)
-    if len(paths) == 2:
-        if topics or fps is not None:
-            hint = "--topics" if topics else "--fps"
-            raise typer.BadParameter("does not go with a pair of images", param_hint=hint)
-        if calib is None:
-            raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-        return OnePair(datasets.read_pair(paths[0], paths[1], calib, bits=bits))
-    if not paths and calib is not None:
-        raise typer.BadParameter("goes with a pair of files or a folder", param_hint="--calib")
-    if not paths and bits is not None:
-        raise typer.BadParameter("goes with images", param_hint="--bits")
-    if not paths:
-        return OnePair(datasets.motorcycle())
-    if len(paths) > 2:
-        said = f"{len(paths)} paths, expected a pair of images or of folders, one folder, or files of one bag"
-        raise typer.BadParameter(said, param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, fps=fps)
-
-
-def _open_map(
-    paths: list[Path], calib: Path | None, depth: Path | None, disparity: Path | None, said: dict[str, Any]
-) -> Source:
-    from .. import datasets
-    from ..run.pipeline import OnePair
-
-    kinds: tuple[tuple[Literal["depth", "disparity"], Path | None], ...] = (("depth", depth), ("disparity", disparity))
-    maps = [(kind, path) for kind, path in kinds if path]
-    if len(paths) != 1 or calib is None or len(maps) != 1:
-        wanted = "one image, --calib, and either --depth or --disparity"
-        raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
-    kind, path = maps[0]
-    return OnePair(datasets.pair_from_map(paths[0], path, calib, kind=kind, **said))
 
 
 def _frame_range(text: str | None, count: int) -> range:

@@ -1,4 +1,4 @@
-"""Where pairs come from: a sample, folders in known layouts, bags of ROS, depth maps, worlds with a known truth."""
+"""Where pairs come from: a sample, folders in known layouts, bags, videos, depth maps, worlds with a known truth."""
 
 from . import synthetic as synthetic
 from .euroc import EurocSequence as EurocSequence
@@ -7,19 +7,25 @@ from .folder import pair_from_files as pair_from_files
 from .folder import read_pair as read_pair
 from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
+from .live import LiveSequence as LiveSequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
 from .rosbag import RosbagSequence as RosbagSequence
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
 from .utias import UtiasRun as UtiasRun
+from .video import VideoImages as VideoImages
+from .video import VideoSequence as VideoSequence
 
 __all__ = [
     "EurocSequence",
     "KittiSequence",
+    "LiveSequence",
     "RosbagSequence",
     "StereoFolder",
     "UtiasRun",
+    "VideoImages",
+    "VideoSequence",
     "motorcycle",
     "motorcycle_truth",
     "open_sequence",

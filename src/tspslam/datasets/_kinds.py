@@ -27,7 +27,7 @@ _KINDS = {
     "a text": ".yaml .yml .txt .json .csv .xml",
 }
 _WAYS = {
-    "a video": "left/ and right/ with its frames as images: ffmpeg -i {name} left/%06d.png makes those of one camera",
+    "a video": "two images of a pair; a video goes alone with --layout, or two videos, left and right, with --calib",
     "a recording of a ZED camera": "left/ and right/ with its frames, as ZED's own tools export them",
     "a bag that was not closed": "a whole bag: rosbag reindex {name} mends one of ROS 1",
     "an archive": "a folder: unpack it first",
@@ -43,6 +43,11 @@ _OF = {suffix: kind for kind, suffixes in _KINDS.items() for suffix in suffixes.
 def no_source(path: Path) -> InputError | None:
     """Return what a file that is no source of pairs is instead, if its name says so."""
     return _named(path, _OF.get(path.suffix.lower()))
+
+
+def is_video(path: Path) -> bool:
+    """Whether a file is a video by its name."""
+    return _OF.get(path.suffix.lower()) == "a video" and not path.is_dir()
 
 
 def no_image(path: Path) -> InputError | None:

@@ -1,64 +1,84 @@
-"""Which reader a folder or a bag is for, told by what lies in it."""
+"""Which reader a folder, a bag or a video is for, told by its name and by what lies in it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from .._checks import require_path
-from .._files import PathLike, bad_input, one_line
+from .._files import PathLike, one_line
 from ..errors import InputError
-from ._kinds import listed, no_source
+from ..vision.stereo.depth_sensor import DepthSensor
+from ._kinds import is_video, listed, no_source
+from ._rgbd_layouts import is_rgbd
 from ._ros import STORED, is_bag
 from ._sides import PLAIN, find_sides
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
+from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
 from .utias import UtiasRun
+from .video import VideoSequence, image_size
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
+Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | VideoSequence | RgbdSequence
 
 
-_KNOWN = "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, or a bag of ROS"
+_KNOWN = (
+    "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, rgb/ and depth/, "
+    "a bag of ROS or a video"
+)
 _OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layouts that bring a calibration
+_GO_WITH = {  # for each option, the kinds that it goes with, and what to say of another one
+    "topics": ({"bag"}, "is no bag, expected one with topics {}"),
+    "layout": ({"video"}, "is no video, expected one with both images in it, {}"),
+    "fps": ({"video", "plain"}, "has times of its own, expected no frames a second beside it (--fps, fps=)"),
+    "unit": ({"rgbd"}, "has no depths, expected a folder of RGB-D with unit={}"),
+    "sensor": ({"rgbd"}, "has no depths, expected a folder of RGB-D with a sensor"),
+    "calib": ({"bag", "video", "plain", "rgbd", "utias"}, "brings its own calibration, expected none beside it ({})"),
+}
 
 
 def open_sequence(
-    path: PathLike | Iterable[PathLike], *, calib: PathLike | None = None, topics: tuple[str, str] | None = None,
-    bits: int | None = None, fps: float | None = None,
+    path: PathLike | list[PathLike] | tuple[PathLike, ...], *,
+    calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None,
+    layout: str | None = None, fps: float | None = None, unit: float | None = None, sensor: DepthSensor | None = None,
 ) -> Sequence:  # fmt: skip
-    """Open a folder or a bag of stereo pairs with the reader of its layout.
+    """Open a folder, a bag or a video of stereo pairs, or a folder of colour images and depths, with its reader.
 
     Parameters
     ----------
     path : str, path or sequence of them
         A folder with `left/` and `right/`, or with sides that `StereoFolder` knows; with `mav0/` (EuRoC, ASL); with
         `image_0/` or `image_2/` (KITTI odometry), `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS);
-        with `metadata.yaml` and `.db3` or `.mcap` files (ROS 2); with `.bag` files of one recording (ROS 1). Or a
-        `.bag`, `.mcap` or `.db3` file. Of several paths: two folders, of left and of right images, or the files of one
-        recording.
+        with `rgb/` or `color/` and `depth/` (TUM's RGB-D benchmark, ICL-NUIM, ScanNet, plain ones); with
+        `metadata.yaml` and `.db3` or `.mcap` files (ROS 2); with `.bag` files of one recording (ROS 1). Or a `.bag`,
+        `.mcap` or `.db3` file, or a video with both images. Of several paths: two folders or two videos, of left and
+        of right images, or the files of one recording.
     calib : str or path, optional
-        Calibration of a plain folder or a UTIAS run, or of a bag, where it stands in for the camera infos; the other
-        layouts bring their own.
+        Calibration of a plain folder, one of RGB-D, a video or a UTIAS run, or of a bag, where it stands in for the
+        camera infos; the other layouts bring their own.
     topics : tuple of 2 str, optional
         Topics of a bag with the left and the right images.
     bits : int, optional
         How many bits 16-bit pixels use, as in `StereoFolder`.
+    layout : str, optional
+        How both images are in a video, as in `VideoImages`.
     fps : float, optional
-        Frames a second, as in `StereoFolder`; the other layouts have times.
+        Frames a second of a plain folder or a video, as in `StereoFolder` and `VideoImages`; the others have times.
+    unit, sensor : optional
+        Metres in one step of the depths of a folder of RGB-D, and how they scatter, as in `RgbdSequence`.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence, UtiasRun or RosbagSequence
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence, VideoSequence or RgbdSequence
         Grey cameras where KITTI has both.
 
     Raises
     ------
     InputError
-        If the folder has none of these layouts, its reader refuses it, or `calib`, `topics` or `fps` are given where
-        they are not used.
+        If the folder has none of these layouts, its reader refuses it, or an option is given that does not go with it.
 
     Examples
     --------
@@ -66,59 +86,98 @@ def open_sequence(
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-folder: is no folder, expected one with left/ and right/, mav0/, image_0/ ...
     """
-    several = list(path) if isinstance(path, list | tuple) else []
-    for each in several or [path]:
-        require_path(each)
-    folder = Path(several[0] if several else path)  # type: ignore[arg-type]
-
-    def has(*names: str) -> bool:
-        return any((folder / name).is_dir() for name in names)
-
-    plain, utias = has(*PLAIN), has("images/left", "images/right")
-    layout = _layout(folder, plain or bool(several), utias)
-    is_of_bag = is_bag(folder) and not (plain or utias) if not several else all(map(is_bag, map(Path, several)))
-    if is_of_bag or layout == "bags":
-        _refuse_rate(folder, fps)
-        left, right = topics or (None, None)
-        return RosbagSequence(several or folder, left=left, right=right, calib=calib, bits=bits)
-    if topics is not None:
-        raise InputError(one_line(f"{folder}: is no bag, expected one with topics {' and '.join(map(str, topics))}"))
-    if layout == "plain":
-        return StereoFolder(several or folder, calib, bits=bits, fps=fps)
-    _refuse_rate(folder, fps)
-    if utias:
-        return UtiasRun(folder, calib, bits=bits)
-    if calib is not None and has(*_OWN):
-        raise InputError(f"{folder}: brings its own calibration, expected none beside it ({calib})")
-    if has("mav0", "cam0"):
-        return EurocSequence(folder, bits=bits)
-    if has(*_OWN):
-        return KittiSequence(folder, colour=not has("image_0", "image_00"), bits=bits)
+    several = [Path(each) for each in map(_checked, path)] if isinstance(path, list | tuple) else []
+    folder = several[0] if several else Path(_checked(path))
+    kind = _kind(folder, several, has_depth=not (unit is None and sensor is None))
+    given = {"calib": calib, "topics": topics, "layout": layout, "fps": fps, "unit": unit, "sensor": sensor}
+    if kind:
+        _refuse_others(folder, kind, given)
+    source: Any = several or folder
+    match kind:
+        case "video":
+            return _open_video(source, calib, layout, fps, bits)
+        case "bag":
+            left, right = topics or (None, None)
+            return RosbagSequence(source, left=left, right=right, calib=calib, bits=bits)
+        case "plain":
+            return StereoFolder(source, calib, bits=bits, fps=fps)
+        case "rgbd":
+            return RgbdSequence(folder, calib, unit=unit, sensor=sensor, bits=bits)
+        case "utias":
+            return UtiasRun(folder, calib, bits=bits)
+        case "euroc":
+            return EurocSequence(folder, bits=bits)
+        case "kitti":
+            return KittiSequence(folder, colour=not _has(folder, "image_0", "image_00"), bits=bits)
     raise _unknown(folder)
 
 
 def are_parts(paths: list[Path]) -> bool:
-    """Whether several paths are one sequence: two folders of images, or files of one bag."""
+    """Whether several paths are one sequence: two folders of images, two videos, or files of one bag."""
     if len(paths) < 2:
         return False
-    return all(map(is_bag, paths)) or (len(paths) == 2 and all(path.is_dir() for path in paths))
+    is_pair = len(paths) == 2 and (all(path.is_dir() for path in paths) or all(map(is_video, paths)))
+    return is_pair or all(map(is_bag, paths))
 
 
-def _layout(folder: Path, is_plain: bool, is_utias: bool) -> str:
-    """Whether a folder is a plain one, or one of bags of ROS 1; else nothing."""
-    if is_plain or is_utias:
-        return "plain" if is_plain else ""
-    cameras = [folder / "cam0" / name for name in ("data", "data.csv", "sensor.yaml")]
-    if any((folder / name).is_dir() for name in _OWN if name != "cam0") or any(map(os.path.exists, cameras)):
-        return ""
-    if folder.is_dir() and find_sides(folder) is not None:
-        return "plain"
-    return "bags" if folder.is_dir() and any(file.suffix.lower() == ".bag" for file in folder.iterdir()) else ""
+def _checked(path: object) -> Any:
+    require_path(path)
+    return path
 
 
-def _refuse_rate(folder: Path, fps: float | None) -> None:
-    if fps is not None:
-        raise bad_input(folder, "has times of its own", "no frames a second beside it (--fps, fps=)")
+def _has(folder: Path, *names: str) -> bool:
+    return any((folder / name).is_dir() for name in names)
+
+
+def _kind(folder: Path, several: list[Path], *, has_depth: bool) -> str:
+    """What kind of source it is; nothing if it is none that is known."""
+    if several and not are_parts(several):
+        names = ", ".join(str(each) for each in several[:6])
+        raise InputError(one_line(f"{names}: are no sequence, expected two folders, two videos or files of one bag"))
+    if is_video(folder) and folder.exists():
+        return "video"
+    if several:
+        return "bag" if is_bag(folder) else "plain"
+    if _has(folder, *PLAIN):
+        return "rgbd" if has_depth and is_rgbd(folder) else "plain"
+    if _has(folder, "images/left", "images/right"):
+        return "utias"
+    if is_bag(folder):
+        return "bag"
+    return _kind_of_folder(folder) if folder.is_dir() else ""
+
+
+def _kind_of_folder(folder: Path) -> str:
+    """What a folder is that is neither plain nor a bag of ROS 2, by what lies in it."""
+    is_own = _has(folder, *_OWN[2:]) or _has(folder, "mav0")
+    of_cam0 = (folder / "cam0" / name for name in ("data", "data.csv", "sensor.yaml"))
+    if not is_own and not any(map(os.path.exists, of_cam0)):
+        if is_rgbd(folder):
+            return "rgbd"
+        if find_sides(folder) is not None:
+            return "plain"
+        if any(file.suffix.lower() == ".bag" for file in folder.iterdir()):
+            return "bag"
+    return "euroc" if _has(folder, "mav0", "cam0") else "kitti" if _has(folder, *_OWN) else ""
+
+
+def _refuse_others(folder: Path, kind: str, given: dict[str, Any]) -> None:
+    """Refuse options that do not go with a kind of source."""
+    for option, (kinds, said) in _GO_WITH.items():
+        value = given[option]
+        if value is not None and kind not in kinds:
+            shown = " and ".join(map(str, value)) if option == "topics" else str(value)
+            raise InputError(one_line(f"{folder}: {said.format(shown)}"))
+
+
+def _open_video(
+    source: Any, calib: PathLike | None, layout: str | None, fps: float | None, bits: int | None
+) -> VideoSequence:
+    if calib is None:
+        image_size(source, layout)  # what is wrong with the file comes first
+        said = "is a video without a calibration, expected a file by --calib (calib=)"
+        raise InputError(one_line(f"{source[0] if isinstance(source, list) else source}: {said}"))
+    return VideoSequence(source, layout, calib=calib, fps=fps, bits=bits)
 
 
 def _unknown(folder: Path) -> InputError:

@@ -26,7 +26,7 @@ from .config import Resolved, as_resolved
 from .evaluate import describe_errors, measured
 from .map import join_keyframes, stored_keyframes
 from .record import hash_of, machine
-from .sequence import STATE_NAME, OnFrame, SequenceRun, note_landmarks
+from .sequence import STATE_NAME, GrowingSource, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
 from .sequence import Step as Step
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
@@ -89,7 +89,8 @@ def run(
     Parameters
     ----------
     source : Source
-        The pairs; `OnePair` makes one of a single pair, `tspslam.datasets.open_sequence` of a path.
+        The pairs; `OnePair` makes one of a single pair, `tspslam.datasets.open_sequence` of a path. One that has
+        ``wait_for(index)``, as `tspslam.datasets.LiveSequence`, is asked for its pairs as they come.
     out : path
         The run folder; new, empty, or of the same settings (then it goes on from the last checkpoint).
     resolved : Resolved or Settings
@@ -189,7 +190,11 @@ def _require_source(source: object) -> None:
 
 
 def _wanted(source: Source, frames: range | None) -> range:
-    """The indices of the pairs to process."""
+    """The indices of the pairs to process; of a source that grows, none yet."""
+    if isinstance(source, GrowingSource):
+        if frames is not None:
+            raise InputError(f"{source.name}: frames {frames} are given, expected none: they are taken as they come")
+        return range(0)
     count = len(source)
     wanted = range(count) if frames is None else frames
     if not isinstance(wanted, range):
@@ -205,12 +210,14 @@ def _process_all(
     sequence: SequenceRun, progress: Progress | None, on_frame: OnFrame | None, at: Stages
 ) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
-    total = len(sequence.wanted)
     at("tracking")
     for done, index in sequence.proceed(on_frame):
         at("tracking")
         if progress:
-            progress(done, total, f"frame {index}")
+            progress(done, len(sequence.wanted), f"frame {index}")
+    total = len(sequence.wanted)
+    if not total:
+        raise InputError(f"{sequence.source.name}: ended before it gave a pair, expected one at least")
     if not sequence.stored:
         if sequence.last_error and total == 1:
             raise sequence.last_error
@@ -222,6 +229,8 @@ def _process_all(
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
     errors, said = measured(sequence.source, sequence.trajectory, sequence.wanted)
+    said = [*getattr(sequence.source, "warnings", ()), *said]
+    record |= {"status": "degraded"} if getattr(sequence.source, "ended_early", False) else {}
     record |= {"evaluation": describe_errors(errors)} if errors else {}
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
 

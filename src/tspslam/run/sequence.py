@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -66,6 +66,25 @@ class Source(Protocol):
         """Read one pair."""
 
 
+@runtime_checkable
+class GrowingSource(Source, Protocol):
+    """Pairs that are still being taken; its length is that of those that are there."""
+
+    def wait_for(self, index: int) -> bool:
+        """Wait until a pair is there.
+
+        Parameters
+        ----------
+        index : int
+            From 0; none before it is waited for later.
+
+        Returns
+        -------
+        bool
+            False if it never will be there.
+        """
+
+
 @dataclass(frozen=True)
 class Step:
     """How far a run is.
@@ -96,7 +115,7 @@ class SequenceRun:
     source : Source
         The pairs.
     wanted : range
-        Which of them.
+        Which of them; of a `GrowingSource` none yet, it takes all.
     session : Session
         What processes them.
     folder : RunFolder
@@ -150,7 +169,7 @@ class SequenceRun:
         """
         odometry = self.session.odometry
         loops = odometry.loops if isinstance(odometry, StereoOdometry) else 0
-        done, total = (len(self.rows), len(self.wanted)) if stage == "tracking" else (0, 1)
+        done, total = (len(self.rows), max(len(self.wanted), 1)) if stage == "tracking" else (0, 1)
         return Step(stage, done, total, self.keyframes, self.lost, loops)
 
     @property
@@ -178,15 +197,37 @@ class SequenceRun:
         tuple of 2 int
             Pairs done, and the index of the last.
         """
+        is_growing = isinstance(self.source, GrowingSource)
+        coming = self._arriving() if is_growing else self._read(self.wanted[len(self.rows) :])
         with Worker() as self._writer:
-            for index, pair in self._read(self.wanted[len(self.rows) :]):
+            for index, pair in coming:
                 frame = self._process(index, pair)
                 if frame is not None and on_frame is not None:
                     on_frame(frame)
                 done = len(self.rows)
-                if done == len(self.wanted) or done >= self._saved + _EVERY + _SHARE * self._saved:
+                is_last = done == len(self.wanted) and not is_growing
+                if is_last or done >= self._saved + _EVERY + _SHARE * self._saved:
                     self._save()
                 yield done, index
+            if is_growing:
+                self._save()
+
+    def _arriving(self) -> Iterator[tuple[int, StereoPair | InputError]]:
+        """Pairs as they come, or why they cannot be read; the wanted ones grow with them."""
+        with Worker() as reader:
+            coming = reader.submit(self._next, 0)
+            for index in itertools.count():
+                pair = coming.result()
+                if pair is None:
+                    return
+                self.wanted = range(index + 1)
+                coming = reader.submit(self._next, index + 1)
+                yield index, pair
+
+    def _next(self, index: int) -> StereoPair | InputError | None:
+        """Wait for a pair; None if there is no further one."""
+        assert isinstance(self.source, GrowingSource)
+        return self._one(index) if self.source.wait_for(index) else None
 
     def _read(self, wanted: range) -> Iterator[tuple[int, StereoPair | InputError]]:
         """Pairs, or why they cannot be read."""

@@ -1,0 +1,121 @@
+"""The source of a run, from what was typed: images, folders, bags, videos, a live camera, one image with a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import typer
+
+from ._live import open_cameras
+
+if TYPE_CHECKING:
+    from ..run.pipeline import Source
+
+_PARTNERS = {
+    "topics": "goes with a bag alone",
+    "layout": "goes with one video, or with --camera",
+    "fps": "goes with a folder of images or a video",
+    "unit": "goes with depths: one folder, --depth or --disparity",
+    "sensor": "goes with depths: one folder or bag",
+    "unknown": "goes with --depth or --disparity",
+    "bits": "goes with images",
+    "calib": "goes with a pair of files or a folder",
+}
+"""What each option goes with."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Options of ``tspslam run`` that say what is read; None where one was not given."""
+
+    paths: list[Path]
+    calib: Path | None = None
+    camera: list[str] | None = None
+    depth: Path | None = None
+    disparity: Path | None = None
+    unit: float | None = None
+    unknown: float | None = None
+    sensor: str | None = None
+    topics: tuple[str, str] | None = None
+    layout: str | None = None
+    fps: float | None = None
+    bits: int | None = None
+    frames: str | None = None
+    out: Path | None = None
+
+    def refuse(self, *names: str) -> None:
+        """Refuse options that do not go with what is read."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise typer.BadParameter(_PARTNERS[name], param_hint=f"--{name}")
+
+
+def open_source(given: Given) -> Source:
+    """Open what is to be read."""
+    if given.camera:
+        return _open_cameras(given)
+    if given.depth or given.disparity:
+        given.refuse("topics", "layout", "fps", "sensor")
+        return _open_map(given)
+    given.refuse("unknown")
+    return _open_images(given)
+
+
+def _open_cameras(given: Given) -> Source:
+    others = {"SOURCE": given.paths} | {
+        f"--{name}": getattr(given, name) for name in ("depth", "disparity", "frames", "fps", "topics", "unit", "sensor")
+    }
+    given.refuse("unknown")
+    return open_cameras(given.camera or [], given.layout, given.calib, given.out, others)
+
+
+def _open_images(given: Given) -> Source:
+    from .. import datasets
+    from ..datasets.layouts import are_parts
+    from ..run.pipeline import OnePair
+
+    paths = given.paths
+    if len(paths) == 1 or are_parts(paths):
+        return _open_sequence(given)
+    given.refuse("topics", "layout", "fps", "unit", "sensor")
+    if not paths:
+        given.refuse("calib", "bits")
+        return OnePair(datasets.motorcycle())
+    if len(paths) > 2:
+        said = f"{len(paths)} paths, expected a pair of images, folders or videos, one of these, or files of one bag"
+        raise typer.BadParameter(said, param_hint="SOURCE")
+    if given.calib is None:
+        raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
+    return OnePair(datasets.read_pair(paths[0], paths[1], given.calib, bits=given.bits))
+
+
+def _open_sequence(given: Given) -> Source:
+    from .. import datasets
+    from ..vision.depth.sensor import SENSORS
+
+    if given.sensor not in (None, *SENSORS):
+        raise typer.BadParameter(f"{given.sensor!r}, expected one of {', '.join(SENSORS)}", param_hint="--sensor")
+    if len(given.paths) > 1:
+        given.refuse("layout", "unit", "sensor")
+    path: Any = given.paths if len(given.paths) > 1 else given.paths[0]
+    return datasets.open_sequence(
+        path, calib=given.calib, topics=given.topics, bits=given.bits, layout=given.layout, fps=given.fps,
+        unit=given.unit, sensor=SENSORS[given.sensor] if given.sensor else None,
+    )  # fmt: skip
+
+
+def _open_map(given: Given) -> Source:
+    from .. import datasets
+    from ..run.pipeline import OnePair
+
+    kinds: tuple[tuple[Literal["depth", "disparity"], Path | None], ...]
+    kinds = (("depth", given.depth), ("disparity", given.disparity))
+    maps = [(kind, path) for kind, path in kinds if path]
+    if len(given.paths) != 1 or given.calib is None or len(maps) != 1:
+        wanted = "one image, --calib, and either --depth or --disparity"
+        raise typer.BadParameter(f"a map goes with {wanted}", param_hint="--depth/--disparity")
+    kind, path = maps[0]
+    said: dict[str, Any] = {"unit": given.unit, "unknown": given.unknown, "bits": given.bits}
+    return OnePair(datasets.pair_from_map(given.paths[0], path, given.calib, kind=kind, **said))

@@ -1,0 +1,423 @@
+"""Stereo videos: one file with both images in each frame, or in alternate frames, or a file a side."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .._checks import require_path
+from .._files import PathLike, bad_input, one_line
+from ..errors import InputError
+from ..types import FloatArray, Image, RawRig, Rig, StereoPair
+from ..vision.calibration.formats import read_stereo
+from ._pairing import NANOSECONDS, checked_index, pair_by_stamp
+from ._reader import Reader
+from ._video import VideoFile
+
+LAYOUTS = ("side-by-side", "over-under", "alternate")
+"""How both images are in one video: left and right half, upper and lower half, or frame after frame; left first."""
+_WIDE, _TALL = 2.2, 1.15  # width / height: above it two images are beside each other, below it on top (16:9, 4:3, 5:4)
+_SLOWEST, _FASTEST = 0.01, 1e5  # frames a second
+_HALVES: dict[str, Callable[[Image], tuple[Image, Image]]] = {
+    "side-by-side": lambda image: (image[:, : image.shape[1] // 2], image[:, image.shape[1] // 2 :]),
+    "over-under": lambda image: (image[: image.shape[0] // 2], image[image.shape[0] // 2 :]),
+}
+Paths = PathLike | Sequence[PathLike]
+
+
+class VideoImages:
+    """Left and right images of a video, or of two, as they are in it.
+
+    A file is gone through once when it is opened, as long as it takes to decode it; then a frame at a time is in
+    memory. Frames of more than 8 bits are brought to 8. A frame is turned as the file says (a phone's does), and then
+    it is divided.
+
+    Parameters
+    ----------
+    paths : str or path, or two of them
+        One video with both images, or a left and a right one.
+    layout : str, optional
+        Of one video: ``"side-by-side"`` (left and right half), ``"over-under"`` (upper and lower half) or
+        ``"alternate"`` (left, right, left, ...).
+    fps : float, optional
+        Frames a second, in place of the times in the file.
+
+    Attributes
+    ----------
+    size : tuple of 2 int
+        Width and height of each image, px.
+    stamps : (n,) float64
+        Times of the left images, s.
+    names : list of str
+        Number of the left image's frame in its video.
+    unpaired : list of str
+        Frames without a partner, as ``file/number``. Frames of two videos are paired by their times: those that are
+        nearest to each other and within a quarter of the median interval of the side that has the shorter.
+    warnings : list of dict
+        What is to be said of the videos, each a ``code`` and a ``message``.
+
+    Raises
+    ------
+    InputError
+        If a file is no video that FFmpeg reads, is cut off where nothing can be decoded, has frames of several sizes,
+        the layout is not given or does not fit, times do not increase and no `fps` is given, or no frames pair.
+
+    Examples
+    --------
+    >>> VideoImages("no-such.mp4", "side-by-side")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: no-such.mp4: cannot be opened (No such file or directory); expected a video that ...
+    """
+
+    size: tuple[int, int]
+    stamps: FloatArray
+    names: list[str]
+    unpaired: list[str]
+    warnings: list[dict[str, str]]
+
+    def __init__(self, paths: Paths, layout: str | None = None, *, fps: float | None = None) -> None:
+        _check_rate(fps)
+        self.layout = layout
+        self._files, self.size = _opened(paths, layout)
+        times = [_times(each, fps) for each in self._files]
+        self._pairs, self.unpaired = self._paired(times)
+        self.stamps = np.array([times[0][left] for left, _ in self._pairs], np.float64)
+        self.names = [f"{left:06d}" for left, _ in self._pairs]
+        self.warnings = [said for each in self._files for said in _remarks(each)]
+
+    @property
+    def name(self) -> str:
+        """Name of the first file without its suffix."""
+        return one_line(self._files[0].path.stem)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def images(self, index: int) -> Iterator[Image]:
+        """Decode the left and the right image of a pair.
+
+        Parameters
+        ----------
+        index : int
+            From 0.
+
+        Yields
+        ------
+        (H, W) or (H, W, 3) uint8
+            The left, then the right image; colour is RGB.
+
+        Raises
+        ------
+        InputError
+            If the file is not what it was.
+        """
+        left, right = self._pairs[checked_index(index, len(self))]
+        if self.layout in _HALVES:
+            yield from map(np.ascontiguousarray, _HALVES[self.layout](self._files[0][left]))
+        else:
+            yield self._files[0][left]
+            yield self._files[-1][right]
+
+    def _paired(self, times: list[FloatArray]) -> tuple[list[tuple[int, int]], list[str]]:
+        """Numbers of the frames of each pair, and what is left alone."""
+        names = [one_line(each.path.name) for each in self._files]
+        if len(times) == 2:
+            return _by_time(self._files, times)
+        count = len(times[0])
+        if self.layout in _HALVES:
+            return [(k, k) for k in range(count)], []
+        if count < 2:
+            raise bad_input(self._files[0].path, "has a single frame", "alternate ones, left and right")
+        lone = [f"{names[0]}/{count - 1}"] if count % 2 else []
+        return [(k, k + 1) for k in range(0, count - 1, 2)], lone
+
+
+class VideoSequence:
+    """Rectified pairs of a stereo video, or of two videos, with their times.
+
+    Parameters
+    ----------
+    paths, layout, fps
+        As `VideoImages`.
+    calib : str, path, Rig or RawRig
+        Calibration of one image as it is in the video, after the turn and the division: a file, as
+        `tspslam.read_calibration` reads it, or the cameras themselves. Raw pairs are rectified.
+    bits : int, optional
+        As in `StereoFolder`; frames have 8.
+
+    Attributes
+    ----------
+    rig : Rig
+        The cameras of the rectified pairs.
+    stamps, names, unpaired, warnings
+        As in `VideoImages`.
+
+    Raises
+    ------
+    InputError
+        As `VideoImages`, or if the calibration is bad, or of images of another size.
+
+    Examples
+    --------
+    >>> VideoSequence(("left.mp4", "right.mp4"), calib="no-such-calib.yaml")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: left.mp4: cannot be opened (No such file or directory); expected a video that FFmpeg ...
+    """
+
+    rig: Rig
+    stamps: FloatArray
+    unpaired: list[str]
+    warnings: list[dict[str, str]]
+
+    def __init__(
+        self, paths: Paths, layout: str | None = None, *,
+        calib: PathLike | Rig | RawRig, fps: float | None = None, bits: int | None = None,
+    ) -> None:  # fmt: skip
+        cameras = cameras_of(calib, image_size(paths, layout))  # before the file is gone through
+        self.images = VideoImages(paths, layout, fps=fps)
+        self.stamps, self.unpaired, self.warnings = self.images.stamps, self.images.unpaired, self.images.warnings
+        self._reader = Reader(cameras, self.images.images, self.images.names, bits)
+        self.rig = self._reader.rig
+
+    @property
+    def name(self) -> str:
+        """Name of the first file without its suffix."""
+        return self.images.name
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read pair `index`; IndexError past the end, InputError if a file is not what it was."""
+        index = checked_index(index, len(self))
+        return replace(self._reader.read(index), stamp=float(self.stamps[index]))
+
+    def __iter__(self) -> Iterator[StereoPair]:
+        """Read one pair after another."""
+        return (self[index] for index in range(len(self)))
+
+
+def image_size(paths: Paths, layout: str | None) -> tuple[int, int]:
+    """Return the size of each image of a pair, from the headers of the videos.
+
+    Parameters
+    ----------
+    paths : str or path, or two of them
+        One video with both images, or a left and a right one.
+    layout : str or None
+        Of one video, one of `LAYOUTS`.
+
+    Returns
+    -------
+    tuple of 2 int
+        Width and height, px.
+
+    Raises
+    ------
+    InputError
+        If a file is no video that FFmpeg reads, or the layout is not given or does not fit.
+    """
+    return _opened(paths, layout)[1]
+
+
+def cameras_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Rig | RawRig:
+    """Return the cameras of images of a size.
+
+    Parameters
+    ----------
+    calib : str, path, Rig or RawRig
+        Where they come from.
+    size : tuple of 2 int
+        Width and height of each image, px.
+
+    Returns
+    -------
+    Rig or RawRig
+
+    Raises
+    ------
+    InputError
+        If there is no calibration, it is bad, or of another size.
+    """
+    if calib is None:
+        raise InputError("calib is None, expected the calibration of the video's cameras: a file (--calib)")
+    cameras = calib if isinstance(calib, Rig | RawRig) else _read_cameras(calib, size)
+    known = cameras.left if isinstance(cameras, RawRig) else cameras
+    if (known.width, known.height) != size:
+        where = "calib" if isinstance(calib, Rig | RawRig) else str(calib)
+        said = f"is of images of {known.width} x {known.height} px, those that are given have {size[0]} x {size[1]} px"
+        raise bad_input(where, said, "a calibration of that size, or another layout (--layout)")
+    return cameras
+
+
+def _read_cameras(calib: PathLike, size: tuple[int, int]) -> Rig | RawRig:
+    """Cameras of a file: those of another size too, since the error about that names the layout."""
+    try:
+        return read_stereo(calib, size)
+    except InputError:
+        with contextlib.suppress(InputError):
+            return read_stereo(calib)
+        raise
+
+
+def halves(image: Image, layout: str) -> tuple[Image, Image]:
+    """Divide a frame into the left and the right image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) uint8
+        The frame.
+    layout : str
+        ``"side-by-side"`` or ``"over-under"``.
+
+    Returns
+    -------
+    tuple of 2 (h, w) or (h, w, 3) uint8
+        Half as wide, or half as high; views of the frame.
+    """
+    return _HALVES[layout](image)
+
+
+def half_size(size: tuple[int, int], layout: str | None, where: PathLike) -> tuple[int, int]:
+    """Return the size of the images in a frame of a layout.
+
+    Parameters
+    ----------
+    size : tuple of 2 int
+        Width and height of the frame, px.
+    layout : str or None
+        One of `LAYOUTS`; None for a frame that is one image.
+    where : str or path
+        What to name in the error.
+
+    Returns
+    -------
+    tuple of 2 int
+        px.
+
+    Raises
+    ------
+    InputError
+        If the side that is divided is odd.
+    """
+    for axis, (each, side) in enumerate((("side-by-side", "width"), ("over-under", "height"))):
+        if layout == each and size[axis] % 2:
+            raise bad_input(where, f"has the {side} {size[axis]} px, which is odd", f"two halves, as {layout} has them")
+    return size[0] // (1 + (layout == "side-by-side")), size[1] // (1 + (layout == "over-under"))
+
+
+def likely(size: tuple[int, int]) -> str:
+    """Return words for the layout that the shape of a frame suggests.
+
+    Parameters
+    ----------
+    size : tuple of 2 int
+        Width and height of the frame, px.
+
+    Returns
+    -------
+    str
+        Empty where the shape is that of one image.
+    """
+    ratio = size[0] / size[1]
+    layout = "side-by-side" if ratio > _WIDE else "over-under" if ratio < _TALL else ""
+    return layout and f" ({layout} is likely, by its shape)"
+
+
+def check_layout(layout: str | None) -> None:
+    """Refuse a layout that is none.
+
+    Parameters
+    ----------
+    layout : str or None
+        What was given; None is no layout.
+
+    Raises
+    ------
+    InputError
+        If it is none of `LAYOUTS`.
+    """
+    if layout is not None and layout not in LAYOUTS:
+        raise InputError(one_line(f"layout is {repr(layout)[:60]}, expected {' or '.join(LAYOUTS)}"))
+
+
+def _places(paths: Paths, layout: str | None) -> list[Path]:
+    """One file or two; a layout goes with one."""
+    given: Sequence[PathLike] = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    for path in given:
+        require_path(path)
+    if len(given) not in (1, 2):
+        raise InputError(f"paths has {len(given)} videos, expected one, or a left and a right one")
+    check_layout(layout)
+    if len(given) == 2 and layout is not None:
+        raise InputError(f"layout is {layout!r} beside two videos, expected none: each holds one side")
+    return [Path(path) for path in given]
+
+
+def _opened(paths: Paths, layout: str | None) -> tuple[list[VideoFile], tuple[int, int]]:
+    """The files, and the size of each image of a pair."""
+    files = [VideoFile(place) for place in _places(paths, layout)]
+    first, last = files[0], files[-1]
+    if len(files) == 1 and layout is None:
+        raise _untold(first)
+    if first.size != last.size:
+        said = "has {} x {} px, {} {} x {} px".format(*last.size, first.path.name, *first.size)
+        raise bad_input(last.path, said, "videos of one size")
+    return files, half_size(first.size, layout, first.path)
+
+
+def _untold(file: VideoFile) -> InputError:
+    width, height = file.size
+    said = f"is a video of {width} x {height} px whose layout is not told{likely(file.size)}"
+    return bad_input(file.path, said, f"layout (--layout) {' or '.join(LAYOUTS)}, or two videos, left and right")
+
+
+def _check_rate(fps: float | None) -> None:
+    if fps is None:
+        return
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not _SLOWEST <= fps <= _FASTEST:
+        raise InputError(f"fps is {repr(fps)[:40]}, expected frames a second, {_SLOWEST:g} to {_FASTEST:g}")
+
+
+def _times(file: VideoFile, fps: float | None) -> FloatArray:
+    """When each frame was taken, s."""
+    if fps is not None:
+        return np.arange(len(file)) / fps
+    fault = file.fault()
+    if fault:
+        rate = f" (it says {file.rate:g})" if file.rate > 0 else ""
+        raise bad_input(file.path, fault, f"times that increase, or frames a second by --fps (fps=){rate}")
+    return file.times
+
+
+def _by_time(files: Sequence[VideoFile], times: Sequence[FloatArray]) -> tuple[list[tuple[int, int]], list[str]]:
+    """Pair the frames of two videos that are nearest to each other."""
+    labels = one_line(files[0].path.name), one_line(files[1].path.name)
+    sides: list[dict[int, Path | None]] = [
+        {round(time * NANOSECONDS): Path(str(number)) for number, time in enumerate(each.tolist())} for each in times
+    ]
+    paired = pair_by_stamp(sides[0], sides[1], labels)
+    if not paired.files:
+        raise bad_input(files[1].path, f"has no frame at a time of one in {labels[0]}", "videos of the same moments")
+    return [(int(left.name), int(right.name)) for left, right in paired.files], paired.unpaired
+
+
+def _remarks(file: VideoFile) -> Iterator[dict[str, str]]:
+    name = one_line(file.path.name)
+    if file.turn:
+        message = f"{name}: its frames are turned by {file.turn} degrees, as it says; the calibration must be of that"
+        yield {"code": "video_turned", "message": message}
+    if file.is_cut:
+        message = f"{name}: {len(file)} of {file.declared} frames can be decoded; the others are missing"
+        yield {"code": "video_cut", "message": message}
