@@ -253,7 +253,7 @@ class Session:
 
 def _own(pair: StereoPair) -> StereoPair:
     """The pair with images of its own, where a camera may write the next ones into these."""
-    images = {name: getattr(pair, name) for name in ("left", "right", "disparity")}
+    images = {name: getattr(pair, name) for name in ("left", "right", "disparity", "sigma", "valid")}
     return replace(pair, **{n: image.copy() for n, image in images.items() if _may_change(image)})
 
 

@@ -208,7 +208,7 @@ def pair_hash(pair: StereoPair) -> str:
         64 hexadecimal digits.
     """
     digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name]))
-    for values in (pair.left, pair.right, pair.disparity):
+    for values in (pair.left, pair.right, pair.disparity, pair.sigma, pair.valid):
         digest.update(b"" if values is None else array_hash(values).encode())
     return digest.hexdigest()
 

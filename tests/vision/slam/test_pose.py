@@ -55,7 +55,11 @@ def test_its_equations_are_the_derivatives_of_the_cost():
         S, b = np.empty((6, 6)), np.empty(6)
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         R, t = turn @ T[:3, :3], turn @ T[:3, 3] + step[3:]
-        return pose_equations(lens_of(RIG), R, t, xyz, seen, np.array(SIGMA) ** -2.0, 1e9, S, b), S, b
+        return (
+            pose_equations(lens_of(RIG), R, t, xyz, seen, np.tile(np.array(SIGMA) ** -2.0, (len(xyz), 1)), 1e9, S, b),
+            S,
+            b,
+        )
 
     _, S, b = cost(np.zeros(6))
     steps = 1e-5 * np.eye(6)
