@@ -9,6 +9,7 @@ from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
+from .rgbd import RgbdSequence as RgbdSequence
 from .rosbag import RosbagSequence as RosbagSequence
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
@@ -17,6 +18,7 @@ from .utias import UtiasRun as UtiasRun
 __all__ = [
     "EurocSequence",
     "KittiSequence",
+    "RgbdSequence",
     "RosbagSequence",
     "StereoFolder",
     "UtiasRun",

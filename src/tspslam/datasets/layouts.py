@@ -7,43 +7,53 @@ from pathlib import Path
 from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
+from ..vision.stereo.depth_sensor import DepthSensor
 from ._kinds import listed, no_source
+from ._rgbd_layouts import is_rgbd
 from ._ros import STORED, is_bag
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
+from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
 from .utias import UtiasRun
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence
+Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | RgbdSequence
 
 
-_KNOWN = "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, or a bag of ROS"
+_KNOWN = (
+    "one with left/ and right/, mav0/, image_0/ or image_2/, image_00/ or image_02/, images/left/, rgb/ and depth/, "
+    "or a bag of ROS"
+)
 _OWN = ("mav0", "cam0", "image_0", "image_2", "image_00", "image_02")  # of layouts that bring a calibration
 
 
 def open_sequence(
-    path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None
-) -> Sequence:
+    path: PathLike, *, calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None,
+    unit: float | None = None, sensor: DepthSensor | None = None,
+) -> Sequence:  # fmt: skip
     """Open a folder or a bag of stereo pairs with the reader of its layout.
 
     Parameters
     ----------
     path : str or path
         A folder with `left/` and `right/`; with `mav0/` (EuRoC, ASL); with `image_0/` or `image_2/` (KITTI odometry),
-        `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS); with `metadata.yaml` and `.db3` or `.mcap`
+        `image_00/` or `image_02/` (KITTI raw); with `images/left/` (UTIAS); with `rgb/` or `color/` and `depth/` (TUM's
+        RGB-D benchmark, ICL-NUIM, ScanNet, plain ones); with `metadata.yaml` and `.db3` or `.mcap`
         files (ROS 2). Or a `.bag`, `.mcap` or `.db3` file.
     calib : str or path, optional
-        Calibration of a plain folder or a UTIAS run, or of a bag, where it stands in for the camera infos; the other
-        layouts bring their own.
+        Calibration of a plain folder, one of RGB-D or a UTIAS run, or of a bag, where it stands in for the camera
+        infos; the other layouts bring their own.
     topics : tuple of 2 str, optional
         Topics of a bag with the left and the right images.
     bits : int, optional
         How many bits 16-bit pixels use, as in `StereoFolder`.
+    unit, sensor : optional
+        Metres in one step of the depths of a folder of RGB-D, and how they scatter, as in `RgbdSequence`.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence, UtiasRun or RosbagSequence
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence or RgbdSequence
         Grey cameras where KITTI has both.
 
     Raises
@@ -70,8 +80,12 @@ def open_sequence(
         return RosbagSequence(folder, left=left, right=right, calib=calib, bits=bits)
     if topics is not None:
         raise InputError(one_line(f"{folder}: is no bag, expected one with topics {' and '.join(map(str, topics))}"))
-    if plain:
+    if plain and unit is None and sensor is None:
         return StereoFolder(folder, calib, bits=bits)
+    if is_rgbd(folder) and not utias and not has(*_OWN):
+        return RgbdSequence(folder, calib, unit=unit, sensor=sensor, bits=bits)
+    if unit is not None or sensor is not None:
+        raise InputError(one_line(f"{folder}: has no depths, expected unit and sensor for a folder of RGB-D alone"))
     if utias:
         return UtiasRun(folder, calib, bits=bits)
     if calib is not None and has(*_OWN):

@@ -1,0 +1,69 @@
+"""Folders of RGB-D recordings, rendered from a room whose path and depths are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from PIL import Image
+
+from tspslam.datasets import synthetic
+from tspslam.io.trajectory import write_tum
+from tspslam.types import FloatArray, Rig
+from tspslam.vision.calibration.formats.own import save_cameras
+
+CAMERA = Rig(fx=262.5, fy=262.5, cx=159.75, cy=119.75, width=320, height=240)
+Noise = Literal["none", "structured_light", "time_of_flight"]
+_KINECT = 0.075 * 580.0 / 2  # px m, of its own disparities at this size
+T0 = 1_300_000_000.0  # s
+
+
+def room(frames: int, *, of: int = 240, seed: int = 0) -> synthetic.SyntheticSequence:
+    """The first frames of a walk through a room, at 30 images a second."""
+    rig = Rig(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 0.1, CAMERA.width, CAMERA.height)
+    scene = synthetic.room(frames=of, laps=frames / of, seed=seed)
+    return synthetic.SyntheticSequence(scene, rig, synthetic.Faults(noise=0.005, eight_bit=True), seed=seed, rate=30.0)
+
+
+def spoiled(depth: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
+    """Depths as a sensor of a kind measures them, m; NaN where it does not."""
+    if noise == "none":
+        return depth
+    if noise == "time_of_flight":
+        return depth + rng.normal(size=depth.shape) * (1e-3 + 5e-4 * depth)
+    raw = _KINECT / depth + rng.normal(size=depth.shape) * (_KINECT * 1.425e-3)
+    found = _KINECT / (np.round(raw * 8) / 8) if noise == "structured_light" else depth
+    step = np.zeros(depth.shape, bool)
+    step[:, 1:] |= np.abs(np.diff(depth, axis=1)) > 0.2
+    step[1:] |= np.abs(np.diff(depth, axis=0)) > 0.2
+    wide = np.lib.stride_tricks.sliding_window_view(np.pad(step, 2), (5, 5)).any(axis=(2, 3))
+    return np.where(wide | (depth > 10), np.nan, found)
+
+
+def write_tum_folder(
+    folder: Path, sequence: synthetic.SyntheticSequence, noise: Noise = "none", *, late: float = 0.0, calib: bool = True
+) -> Path:
+    """Write a recording in the layout of TUM's benchmark; depths have stamps `late` seconds after the images'."""
+    for name in ("rgb", "depth"):
+        (folder / name).mkdir(parents=True)
+    lines: dict[str, list[str]] = {"rgb": [], "depth": []}
+    for k, pair in enumerate(sequence):
+        depth = spoiled(sequence.geometry(k).depth.astype(float), noise, np.random.default_rng((5, k)))
+        stamps = {"rgb": T0 + pair.stamp, "depth": T0 + pair.stamp + late}
+        for name, pixels in (("rgb", pair.left), ("depth", steps(depth, 5000))):
+            file = f"{name}/{stamps[name]:.6f}.png"
+            Image.fromarray(pixels).save(folder / file, compress_level=1)
+            lines[name].append(f"{stamps[name]:.6f} {file}")
+    for name, said in lines.items():
+        (folder / f"{name}.txt").write_text("# stamp file\n" + "\n".join(said) + "\n")
+    write_tum(folder / "groundtruth.txt", T0 + sequence.stamps, sequence.truth)
+    if calib:
+        save_cameras(CAMERA, folder / "calib.yaml")
+    return folder
+
+
+def steps(depth: FloatArray, per_metre: float) -> np.ndarray:
+    """Depths as whole numbers; 0 where not known."""
+    values = np.rint(np.nan_to_num(depth, posinf=0) * per_metre)
+    return np.where(values < 65_535, values, 0).astype(np.uint16)
