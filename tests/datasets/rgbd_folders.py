@@ -15,7 +15,7 @@ from tspslam.vision.calibration.formats.own import save_cameras
 
 CAMERA = Rig(fx=262.5, fy=262.5, cx=159.75, cy=119.75, width=320, height=240)
 Noise = Literal["none", "structured_light", "time_of_flight"]
-_KINECT = 0.075 * 580.0 / 2  # px m, of its own disparities at this size
+_KINECT = 0.075 * 580.0  # px m, of its own disparities, which have steps of 1/8 px
 T0 = 1_300_000_000.0  # s
 
 
@@ -32,8 +32,9 @@ def spoiled(depth: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatA
         return depth
     if noise == "time_of_flight":
         return depth + rng.normal(size=depth.shape) * (1e-3 + 5e-4 * depth)
-    raw = _KINECT / depth + rng.normal(size=depth.shape) * (_KINECT * 1.425e-3)
-    found = _KINECT / (np.round(raw * 8) / 8) if noise == "structured_light" else depth
+    spread = np.sqrt((_KINECT * 1.425e-3) ** 2 - 1 / 8**2 / 12)  # with the steps, 1.425e-3 z^2 in all
+    raw = _KINECT / depth + rng.normal(size=depth.shape) * spread
+    found = _KINECT / np.maximum(np.round(raw * 8) / 8, 1 / 8)
     step = np.zeros(depth.shape, bool)
     step[:, 1:] |= np.abs(np.diff(depth, axis=1)) > 0.2
     step[1:] |= np.abs(np.diff(depth, axis=0)) > 0.2

@@ -37,7 +37,10 @@ def run_command(
     topics: TopicsOption = None,
     depth: Annotated[Path | None, typer.Option(help="Depth map of a single image (PNG, TIFF, PFM, .npy).")] = None,
     disparity: Annotated[Path | None, typer.Option(help="Disparity map of a single image.")] = None,
-    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of the map: 0.001 for mm.")] = None,
+    unit: Annotated[float | None, typer.Option(help="Metres, or px, in one step of depths: 0.001 for mm.")] = None,
+    sensor: Annotated[
+        str | None, typer.Option(help="Of depths in a folder: structured_light, time_of_flight, stereo.")
+    ] = None,
     unknown: Annotated[
         float | None, typer.Option(help="Value in the map that is not known [default: found; nan for none].")
     ] = None,
@@ -68,11 +71,10 @@ def run_command(
         raise typer.BadParameter("goes with a bag alone", param_hint="--topics")
     if depth or disparity:
         pairs = _open_map(source or [], calib, depth, disparity, {"unit": unit, "unknown": unknown, "bits": bits})
-    elif unit is not None or unknown is not None:
-        hint = "--unknown" if unit is None else "--unit"
-        raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
+    elif unknown is not None:
+        raise typer.BadParameter("goes with --depth or --disparity", param_hint="--unknown")
     else:
-        pairs = _open_source(source or [], calib, topics, bits)
+        pairs = _open_source(source or [], calib, topics, bits, unit=unit, sensor=sensor)
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
@@ -115,9 +117,19 @@ def filter_command(
     finish(result, as_json)
 
 
-def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None) -> Source:
+def _open_source(
+    paths: list[Path], calib: Path | None, topics: tuple[str, str] | None, bits: int | None,
+    *, unit: float | None = None, sensor: str | None = None,
+) -> Source:  # fmt: skip
     from .. import datasets
     from ..run.pipeline import OnePair
+    from ..vision.stereo.depth_sensor import SENSORS
+
+    if len(paths) != 1 and (unit is not None or sensor is not None):
+        hint = "--sensor" if unit is None else "--unit"
+        raise typer.BadParameter("goes with depths: one folder or bag, or --depth", param_hint=hint)
+    if sensor not in (None, *SENSORS):
+        raise typer.BadParameter(f"{sensor!r}, expected one of {', '.join(SENSORS)}", param_hint="--sensor")
 
     if len(paths) == 2:
         if calib is None:
@@ -131,7 +143,8 @@ def _open_source(paths: list[Path], calib: Path | None, topics: tuple[str, str] 
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits)
+    measured = {"unit": unit, "sensor": None if sensor is None else SENSORS[sensor]}
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, **measured)  # type: ignore[arg-type]
 
 
 def _open_map(

@@ -11,6 +11,7 @@ from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
 from .rgbd import RgbdSequence as RgbdSequence
 from .rosbag import RosbagSequence as RosbagSequence
+from .rosbag_depth import RgbdBag as RgbdBag
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
 from .utias import UtiasRun as UtiasRun
@@ -18,6 +19,7 @@ from .utias import UtiasRun as UtiasRun
 __all__ = [
     "EurocSequence",
     "KittiSequence",
+    "RgbdBag",
     "RgbdSequence",
     "RosbagSequence",
     "StereoFolder",

@@ -16,9 +16,10 @@ from .folder import StereoFolder
 from .kitti import KittiSequence
 from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
+from .rosbag_depth import RgbdBag, is_rgbd_bag
 from .utias import UtiasRun
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | RgbdSequence
+Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | RgbdSequence | RgbdBag
 
 
 _KNOWN = (
@@ -45,15 +46,16 @@ def open_sequence(
         Calibration of a plain folder, one of RGB-D or a UTIAS run, or of a bag, where it stands in for the camera
         infos; the other layouts bring their own.
     topics : tuple of 2 str, optional
-        Topics of a bag with the left and the right images.
+        Topics of a bag with the left and the right images, or with colour images and depths.
     bits : int, optional
         How many bits 16-bit pixels use, as in `StereoFolder`.
     unit, sensor : optional
-        Metres in one step of the depths of a folder of RGB-D, and how they scatter, as in `RgbdSequence`.
+        Metres in one step of the depths of a folder of RGB-D, and how those of a folder or a bag scatter, as in
+        `RgbdSequence`.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence or RgbdSequence
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence, RgbdSequence or RgbdBag
         Grey cameras where KITTI has both.
 
     Raises
@@ -76,6 +78,9 @@ def open_sequence(
 
     plain, utias = has("left", "right"), has("images/left", "images/right")
     if is_bag(folder) and not (plain or utias):
+        if sensor is not None or is_rgbd_bag(folder, topics):
+            colour, depth = topics or (None, None)
+            return RgbdBag(folder, colour=colour, depth=depth, calib=calib, sensor=sensor, bits=bits)
         left, right = topics or (None, None)
         return RosbagSequence(folder, left=left, right=right, calib=calib, bits=bits)
     if topics is not None:
