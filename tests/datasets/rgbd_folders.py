@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -19,11 +21,26 @@ _KINECT = 0.075 * 580.0  # px m, of its own disparities, which have steps of 1/8
 T0 = 1_300_000_000.0  # s
 
 
-def room(frames: int, *, of: int = 240, seed: int = 0) -> synthetic.SyntheticSequence:
+@dataclass(frozen=True)
+class Walk:
+    """Images, true depths (m) and poses of a camera, and its stamps (s)."""
+
+    images: list[np.ndarray]
+    depths: list[FloatArray]
+    stamps: FloatArray
+    truth: FloatArray
+
+
+@cache
+def room(frames: int, *, of: int = 240, seed: int = 0) -> Walk:
     """The first frames of a walk through a room, at 30 images a second."""
     rig = Rig(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 0.1, CAMERA.width, CAMERA.height)
     scene = synthetic.room(frames=of, laps=frames / of, seed=seed)
-    return synthetic.SyntheticSequence(scene, rig, synthetic.Faults(noise=0.005, eight_bit=True), seed=seed, rate=30.0)
+    faults = synthetic.Faults(noise=0.005, eight_bit=True)
+    sequence = synthetic.SyntheticSequence(scene, rig, faults, seed=seed, rate=30.0)
+    images = [sequence._take(k, 0) for k in range(len(sequence))]
+    depths = [sequence.geometry(k).depth.astype(float) for k in range(len(sequence))]
+    return Walk(images, depths, sequence.stamps, sequence.truth)
 
 
 def spoiled(depth: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
@@ -42,23 +59,23 @@ def spoiled(depth: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatA
     return np.where(wide | (depth > 10), np.nan, found)
 
 
-def write_tum_folder(
-    folder: Path, sequence: synthetic.SyntheticSequence, noise: Noise = "none", *, late: float = 0.0, calib: bool = True
-) -> Path:
+def write_tum_folder(folder: Path, walk: Walk, noise: Noise = "none", *, late: float = 0.0, calib: bool = True) -> Path:
     """Write a recording in the layout of TUM's benchmark; depths have stamps `late` seconds after the images'."""
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     lines: dict[str, list[str]] = {"rgb": [], "depth": []}
-    for k, pair in enumerate(sequence):
-        depth = spoiled(sequence.geometry(k).depth.astype(float), noise, np.random.default_rng((5, k)))
-        stamps = {"rgb": T0 + pair.stamp, "depth": T0 + pair.stamp + late}
-        for name, pixels in (("rgb", pair.left), ("depth", steps(depth, 5000))):
+    for k, (image, true) in enumerate(zip(walk.images, walk.depths, strict=True)):
+        depth = spoiled(true, noise, np.random.default_rng((5, k)))
+        stamps = {"rgb": T0 + walk.stamps[k], "depth": T0 + walk.stamps[k] + late}
+        for name, pixels in (("rgb", image), ("depth", steps(depth, 5000))):
             file = f"{name}/{stamps[name]:.6f}.png"
             Image.fromarray(pixels).save(folder / file, compress_level=1)
             lines[name].append(f"{stamps[name]:.6f} {file}")
     for name, said in lines.items():
         (folder / f"{name}.txt").write_text("# stamp file\n" + "\n".join(said) + "\n")
-    write_tum(folder / "groundtruth.txt", T0 + sequence.stamps, sequence.truth)
+    known = np.arange(-1, len(walk.stamps) + 1) / 30.0  # one before, and one after
+    poses = walk.truth[np.clip(np.arange(-1, len(walk.stamps) + 1), 0, len(walk.stamps) - 1)]
+    write_tum(folder / "groundtruth.txt", T0 + known, poses)
     if calib:
         save_cameras(CAMERA, folder / "calib.yaml")
     return folder

@@ -123,7 +123,7 @@ def _open_source(
 ) -> Source:  # fmt: skip
     from .. import datasets
     from ..run.pipeline import OnePair
-    from ..vision.stereo.depth_sensor import SENSORS
+    from ..vision.depth.sensor import SENSORS
 
     if len(paths) != 1 and (unit is not None or sensor is not None):
         hint = "--sensor" if unit is None else "--unit"
@@ -143,8 +143,8 @@ def _open_source(
         return OnePair(datasets.motorcycle())
     if len(paths) > 2:
         raise typer.BadParameter(f"{len(paths)} paths, expected a pair of images or one folder", param_hint="SOURCE")
-    measured = {"unit": unit, "sensor": None if sensor is None else SENSORS[sensor]}
-    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, **measured)  # type: ignore[arg-type]
+    measured = SENSORS[sensor] if sensor else None
+    return datasets.open_sequence(paths[0], calib=calib, topics=topics, bits=bits, unit=unit, sensor=measured)
 
 
 def _open_map(

@@ -14,11 +14,11 @@ from .._brief import Brief
 from .._files import one_line
 from ..errors import InputError
 from ..types import BoolArray, Camera, FloatArray, Image, RawRig, Rig, StereoPair
+from ..vision.depth.registration import opencv_lens, register_depth
+from ..vision.depth.sensor import DepthSensor, disparity_sigma, flying_pixels, virtual_rig
 from ..vision.rig import check_pair
 from ..vision.se3 import inverse
 from ..vision.stereo.dense import checked_unit, known_values, sample_map
-from ..vision.stereo.depth_sensor import DepthSensor, disparity_sigma, flying_pixels, virtual_rig
-from ..vision.stereo.registration import opencv_lens, register_depth
 from ._levels import Levels
 
 _LOOKED_AT = 9  # maps that tell whether depths make sense, evenly spread

@@ -7,16 +7,17 @@ from pathlib import Path
 from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
-from ..vision.stereo.depth_sensor import DepthSensor
+from ..vision.depth.sensor import DepthSensor
 from ._kinds import listed, no_source
 from ._rgbd_layouts import is_rgbd
+from ._rgbd_topics import is_rgbd_bag
 from ._ros import STORED, is_bag
 from .euroc import EurocSequence
 from .folder import StereoFolder
 from .kitti import KittiSequence
 from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
-from .rosbag_depth import RgbdBag, is_rgbd_bag
+from .rosbag_depth import RgbdBag
 from .utias import UtiasRun
 
 Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | RgbdSequence | RgbdBag

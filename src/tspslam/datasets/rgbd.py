@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
-from typing import Any
-
-import numpy as np
 
 from .._checks import require
 from .._files import PathLike
 from ..io.images import read_image
-from ..types import FloatArray, Rig, StereoPair
-from ..vision.stereo.depth_sensor import SENSORS, DepthSensor
-from ._depth_reader import DepthReader, clock_doubts
-from ._pairing import checked_index, name_of, path_of, size_of_first
+from ..types import FloatArray
+from ..vision.depth.sensor import SENSORS, DepthSensor
+from ._depth_reader import DepthReader
+from ._depth_recording import DepthRecording
+from ._pairing import path_of, size_of_first
 from ._rgbd_layouts import find_files
 from .maps import read_map
 
 
-class RgbdSequence:
+class RgbdSequence(DepthRecording):
     """A recording of an RGB-D camera: each pair has an image, and disparities of a virtual rig with their spread.
 
     Folders are TUM's (``rgb.txt``, ``depth.txt``, ``groundtruth.txt``), ICL-NUIM's in TUM's form (``associations.txt``,
@@ -73,10 +70,6 @@ class RgbdSequence:
     tspslam.errors.InputError: no-such-folder: is no folder of colour images and depths; expected rgb.txt and ...
     """
 
-    rig: Rig
-    stamps: FloatArray
-    unpaired: list[str]
-
     def __init__(
         self, path: PathLike, calib: PathLike | None = None, *, unit: float | None = None,
         sensor: DepthSensor | None = None, bits: int | None = None,
@@ -96,26 +89,6 @@ class RgbdSequence:
         self._reader.check(self.path / "depth")
         self.rig = self._reader.rig
 
-    @property
-    def name(self) -> str:
-        """The folder's own name."""
-        return name_of(self.path)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
-
-    def __len__(self) -> int:
-        return len(self._files.colour)
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read pair `index`; IndexError past the end, InputError if a file is bad."""
-        index = checked_index(index, len(self))
-        return self._reader.read(index, float(self.stamps[index]))
-
-    def __iter__(self) -> Iterator[StereoPair]:
-        """Read one pair after another."""
-        return (self[index] for index in range(len(self)))
-
     @cached_property
     def truth(self) -> FloatArray | None:
         """True poses ``T_world_camera`` of the colour camera, (n, 4, 4) float64; None if there are none.
@@ -124,27 +97,3 @@ class RgbdSequence:
         infinite. ICL-NUIM's have y up, in the world and in the camera: both are turned, so that y is down.
         """
         return self._files.truth()
-
-    def describe(self) -> dict[str, Any]:
-        """Tell of the depths what ``run.json`` says: sensor, unit, calibration, shares of a few maps, clocks.
-
-        Returns
-        -------
-        dict
-            Fit for JSON; shares of pixels from 0 to 1, times in s.
-        """
-        apart = np.abs(self.apart)
-        clocks = {"apart_median_s": float(np.median(apart)), "apart_max_s": float(apart.max())}
-        return {"layout": self.kind} | self._reader.describe() | clocks
-
-    def doubts(self) -> Iterator[dict[str, str]]:
-        """Tell what looks wrong with depths that can still be worked with.
-
-        Yields
-        ------
-        dict of str
-            ``code`` and ``message``.
-        """
-        yield from self._reader.doubts()
-        if len(self) > 1:
-            yield from clock_doubts(self.apart, float(np.median(np.diff(self.stamps))))

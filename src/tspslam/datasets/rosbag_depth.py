@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from .._checks import require
-from .._files import PathLike, bad_input, one_line
+from .._files import PathLike, bad_input
 from ..errors import InputError
-from ..types import Camera, FloatArray, Image, Rig, StereoPair
+from ..types import Camera, Image
 from ..vision.calibration.formats import read_calibration
-from ..vision.stereo.depth_sensor import SENSORS, DepthSensor
+from ..vision.depth.sensor import SENSORS, DepthSensor
 from ._bags import BAG, Bag, guarded
 from ._depth_image import depth_of
-from ._depth_reader import DepthCameras, DepthReader, clock_doubts, depth_cameras
-from ._pairing import NANOSECONDS, check_stamps, checked_index, name_of, pair_by_stamp, path_of, seconds, some
-from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, image_of, info_topic, partners
+from ._depth_reader import DepthCameras, DepthReader, depth_cameras
+from ._depth_recording import DepthRecording
+from ._pairing import NANOSECONDS, check_stamps, pair_by_stamp, path_of, seconds, some
+from ._rgbd_topics import ALIGNED, camera_of, rgbd_topics
+from ._ros import CAMERA_INFO, COMPRESSED, IMAGE, Info, image_of, info_topic
 
 _APART = 0.6  # of the interval between images, as for folders
-_ALIGNED = (
-    "aligned",
-    "registered",
-    "depth_to_rgb",
-)  # in names of topics whose depths are of the colour camera's pixels
-_COLOUR = ("color", "rgb")
-_LENSES = {"plumb_bob": "brown", "": "brown", "rational_polynomial": "rational", "equidistant": "equidistant"}
-_COUNTS = {"brown": 5, "rational": 8, "equidistant": 4}
 
 
-class RgbdBag:
+class RgbdBag(DepthRecording):
     """Colour images and aligned depths of a bag of ROS 1 or ROS 2, as RealSense and Azure record them.
 
     Needs the library rosbags (``pip install tspslam[ros]``). Depths are ``sensor_msgs/Image`` of 16UC1 (mm) or 32FC1
@@ -75,9 +66,7 @@ class RgbdBag:
     tspslam.errors.InputError: no-such.bag: cannot be opened (No such file or directory); expected a whole bag of ...
     """
 
-    rig: Rig
-    stamps: FloatArray
-    unpaired: list[str]
+    kind = "bag"
 
     def __init__(
         self, path: PathLike, *, colour: str | None = None, depth: str | None = None, calib: PathLike | None = None,
@@ -88,56 +77,13 @@ class RgbdBag:
         self._kinds = self._bag.kinds
         self.topics = rgbd_topics(self.path, self._kinds, colour, depth)
         self._pair()
-        sensor = SENSORS["stereo"] if sensor is None else require_sensor(sensor)
+        sensor = sensor or SENSORS["stereo"]
+        require(sensor, DepthSensor, "rgbd: sensor")
         cameras = self._own_cameras() if calib is None else self._given_cameras(calib)
         names = [str(one) for one, _ in self._pairs]
         self._reader = DepthReader(cameras, sensor, None, self._colour, self._depth, names, bits)
         self._reader.check(f"{self.path}: {self.topics[1]}")
         self.rig = self._reader.rig
-
-    @property
-    def name(self) -> str:
-        """Name of the folder, or of the file without its suffix."""
-        return name_of(self.path.resolve().with_suffix("")) if os.path.isfile(self.path) else name_of(self.path)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"
-
-    def __len__(self) -> int:
-        return len(self._pairs)
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read pair `index`; IndexError past the end, InputError if a message is bad."""
-        index = checked_index(index, len(self))
-        return self._reader.read(index, float(self.stamps[index]))
-
-    def __iter__(self) -> Iterator[StereoPair]:
-        """Read one pair after another."""
-        return (self[index] for index in range(len(self)))
-
-    def describe(self) -> dict[str, Any]:
-        """Tell of the depths what ``run.json`` says.
-
-        Returns
-        -------
-        dict
-            As `RgbdSequence.describe`.
-        """
-        apart = np.abs(self.apart)
-        clocks = {"apart_median_s": float(np.median(apart)), "apart_max_s": float(apart.max())}
-        return {"layout": "bag"} | self._reader.describe() | clocks
-
-    def doubts(self) -> Iterator[dict[str, str]]:
-        """Tell what looks wrong with depths that can still be worked with.
-
-        Yields
-        ------
-        dict of str
-            ``code`` and ``message``.
-        """
-        yield from self._reader.doubts()
-        if len(self) > 1:
-            yield from clock_doubts(self.apart, float(np.median(np.diff(self.stamps))))
 
     def _pair(self) -> None:
         """Find the pairs by the stamps of the headers."""
@@ -192,7 +138,7 @@ class RgbdBag:
     def _own_cameras(self) -> DepthCameras:
         """The colour camera of its camera info, if the depths are of the same pixels."""
         own = self._camera(self.topics[0])
-        named = any(word in self.topics[1] for word in _ALIGNED)
+        named = any(word in self.topics[1] for word in ALIGNED)
         if not named and self._camera(self.topics[1]) != own:
             said = f"depths on {self.topics[1]} are of another camera than images on {self.topics[0]}"
             wanted = (
@@ -220,72 +166,3 @@ class RgbdBag:
     def _given_cameras(self, calib: PathLike) -> DepthCameras:
         shape = self._colour(0).shape
         return depth_cameras(read_calibration(calib, (shape[1], shape[0])).cameras, Path(calib).name)
-
-
-def require_sensor(sensor: DepthSensor) -> DepthSensor:
-    """Return what is a depth sensor."""
-    require(sensor, DepthSensor, "rgbd: sensor")
-    return sensor
-
-
-def camera_of(path: Path, info: Info) -> Camera:
-    """Return the camera of a camera info."""
-    message, K = info.message, info.field("K")
-    lens = _LENSES.get(str(message.distortion_model))
-    if lens is None:
-        said = f"{info.topic}: distortion_model is {str(message.distortion_model)[:40]!r}"
-        raise bad_input(path, said, f"one of {', '.join(name for name in _LENSES if name)}")
-    given = info.field("D")
-    count = _COUNTS[lens]
-    if any(given[count:]) or len(K) != 9:
-        raise bad_input(path, f"{info.topic}: D has {len(given)} numbers, K {len(K)}", f"{count} and 9")
-    D = tuple(float(value) for value in (*given, *[0.0] * count)[:count])
-    try:
-        size = int(message.width), int(message.height)
-        return Camera(K[0], K[4], K[2], K[5], *size, distortion=D, skew=K[1], lens=lens)
-    except InputError as error:
-        raise InputError(one_line(f"{path}: {info.topic}: {error}")) from error
-
-
-def has_depth(kinds: Mapping[str, str]) -> bool:
-    """Whether topics of a bag are of colour images and depths."""
-    return bool(_of_depth(kinds)) and bool(_of_colour(kinds))
-
-
-def is_rgbd_bag(path: Path, topics: tuple[str, str] | None) -> bool:
-    """Whether a bag is to be read as colour and depth: topics say so, or none of its images are left and right."""
-    if topics is not None:
-        return "depth" in topics[1].lower()
-    kinds = Bag(path, (IMAGE, COMPRESSED, CAMERA_INFO)).kinds
-    return has_depth(kinds) and not partners({topic: kind for topic, kind in kinds.items() if kind != CAMERA_INFO})
-
-
-def _of_depth(kinds: Mapping[str, str]) -> list[str]:
-    return [topic for topic, kind in kinds.items() if kind != CAMERA_INFO and "depth" in topic.lower()
-            and (kind == IMAGE or topic.endswith("compressedDepth"))]  # fmt: skip
-
-
-def _of_colour(kinds: Mapping[str, str]) -> list[str]:
-    depths = set(_of_depth(kinds))
-    return [topic for topic, kind in kinds.items() if kind != CAMERA_INFO and topic not in depths
-            and not topic.endswith("compressedDepth") and any(word in topic.lower() for word in _COLOUR)]  # fmt: skip
-
-
-def rgbd_topics(path: Path, kinds: Mapping[str, str], colour: str | None, depth: str | None) -> tuple[str, str]:
-    """Return the topics of colour and depth: those asked for, else the best of each, if there is one."""
-    images = sorted(topic for topic, kind in kinds.items() if kind != CAMERA_INFO)
-    for given in (colour, depth):
-        if given is not None and given not in images:
-            raise bad_input(path, f"has no images on {given[:80]}", f"one of {', '.join(images)[:400]}")
-
-    def best(what: str, found: list[str]) -> str:
-        ranks = {
-            t: (not any(word in t for word in _ALIGNED) and what == "depths", kinds[t] == COMPRESSED) for t in found
-        }
-        first = [topic for topic in found if ranks[topic] == min(ranks.values())]
-        if len(first) != 1:
-            said = f"has {len(first) or 'no'} topics of {what}"
-            raise bad_input(path, said, f"topics to be given (--topics COLOUR DEPTH), of {', '.join(images)[:400]}")
-        return first[0]
-
-    return colour or best("colour images", _of_colour(kinds)), depth or best("depths", _of_depth(kinds))

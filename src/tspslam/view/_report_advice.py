@@ -11,6 +11,9 @@ ADVICE = {
     "adjustment": "Drive slower or with more overlap there; single cases are harmless, many make the path drift.",
     "bits": "If the pictures look too dark or too bright, say how many bits your camera writes: --bits 12, say.",
     "calibration": "Look at your calibration file with tspslam calib show: it prints where each value is from.",
+    "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
+    "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
+    "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
     "disparity_offset": (
         "Calibrate the pair anew, or check that the calibration belongs to these images and to their size."
     ),

@@ -49,6 +49,7 @@ _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0
     ("disparity", "sigma"), np.empty(0)
 )
 _LARGEST = 1e9  # of any value; positions in m
+_LATEST = 1e10  # s, of a stamp: in the year 2286, if it counts from 1970
 _ROUNDING = 1e-6  # m per m, of a product of poses
 _NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made by default: how far a camera sees
 _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
@@ -162,8 +163,8 @@ def _wrong_types(state: Arrays) -> Iterator[str]:
 
 def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
     for name, (kind, _) in SCHEMA.items():
-        values = state[name]
-        if kind == "<f8" and not ((np.abs(values) < _LARGEST) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
+        values, most = state[name], _LATEST if name == "stamps" else _LARGEST
+        if kind == "<f8" and not ((np.abs(values) < most) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
             yield f"array {name} holds a value that is not finite or too large"
     for name in ("anchored", "poses", "keyframe_pose"):
         if not is_rigid(state[name]):

@@ -20,8 +20,7 @@ from .bundle import Adjustment
 from .pose import PoseEstimate
 from .tracking import Reference
 
-_SEEN = ("landmark", "uv", "disparity", "sigma")  # columns of a keyframe
-_NO_DISPARITIES = {"disparity": np.empty(0), "sigma": np.empty(0)}
+_NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
 
 
 @dataclass(frozen=True)
@@ -255,10 +254,9 @@ class Map:
         dict of str to array
             ``landmark`` (O,) int64, ``uv`` (O, 2) float64, ``disparity`` and ``sigma`` (O,) float64, px.
         """
-        nothing = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), **_NO_DISPARITIES}
         return {
             name: np.concatenate([empty, *(getattr(frame, name) for frame in self.keyframes)])
-            for name, empty in nothing.items()
+            for name, empty in _NOTHING.items()
         }
 
     def references(self) -> list[Reference]:
@@ -372,7 +370,7 @@ class Map:
                 continue
             _, first = np.unique(landmark, return_index=True)
             kept = np.sort(first[landmark[first] >= 0])
-            columns = {name: getattr(frame, name)[kept] for name in _SEEN}
+            columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
             self._change(k, **columns | {"landmark": landmark[kept]})
 
     def _cull_keyframes(self) -> None:
@@ -447,5 +445,5 @@ class Map:
         for k, frame in enumerate(self.keyframes):
             if frame.index in keyframes:
                 row, kept = keyframes[frame.index]
-                columns = {name: getattr(frame, name)[kept] for name in _SEEN}
+                columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
                 self._change(k, T_world_camera=found.T_world_camera[row], **columns)

@@ -7,7 +7,7 @@ import numpy as np
 from ..._checks import is_rigid, told
 from ...errors import InputError
 from ...types import Camera, FloatArray, Rig
-from .depth_sensor import DepthSensor, neighbour_step
+from .sensor import DepthSensor, neighbour_step
 
 _NEAREST = 1e-3  # m before the camera, of a point that it sees
 
@@ -45,7 +45,7 @@ def register_depth(
 
     Examples
     --------
-    >>> from tspslam.vision.stereo.depth_sensor import SENSORS
+    >>> from tspslam.vision.depth.sensor import SENSORS
     >>> camera = Camera(fx=50, fy=50, cx=9.5, cy=7.5, width=20, height=16)
     >>> rig = Rig(fx=50, fy=50, cx=9.5, cy=7.5, width=20, height=16)
     >>> moved = register_depth(np.full((16, 20), 2.0), camera, np.eye(4), rig, SENSORS["structured_light"])
