@@ -326,8 +326,14 @@ def test_depths_that_scatter_more_than_the_sensor_are_said(small: Path) -> None:
     rng = np.random.default_rng(0)
     for file in (small / "depth").glob("*.png"):
         Image.fromarray(rng.integers(4000, 30_000, (240, 320)).astype(np.uint16)).save(file)
-    (doubt,) = RgbdSequence(small).doubts()
-    assert doubt["code"] == "depth_flying"
+    assert [doubt["code"] for doubt in RgbdSequence(small).doubts()] == ["depth_flying", "depth_sensor"]
+
+
+def test_a_sensor_that_scatters_more_than_is_said_is_told(small: Path) -> None:
+    assert not list(RgbdSequence(small).doubts())
+    assert 0.5 < RgbdSequence(small).describe()["scatter"] < 1.5
+    (doubt,) = RgbdSequence(small, sensor=SENSORS["time_of_flight"]).doubts()
+    assert doubt["code"] == "depth_sensor"
 
 
 def test_unit_and_sensor_are_for_depths_alone(tmp_path: Path) -> None:

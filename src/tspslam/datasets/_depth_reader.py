@@ -23,6 +23,7 @@ from ._levels import Levels
 
 _LOOKED_AT = 9  # maps that tell whether depths make sense, evenly spread
 _BEYOND = 3.0  # times the sensor's range in which the median depth must lie
+_WIDE = 3.0  # times the sensor's spread, of neighbours' scatter, from which something is said
 _FEW_KNOWN, _MANY_FLY = 0.2, 0.2  # shares of the pixels, of which something is said
 _MANY_APART = 0.25  # of the interval between images, of which something is said
 
@@ -88,8 +89,8 @@ class DepthReader:
         self.rig = virtual_rig(plain, sensor)
 
     @cached_property
-    def looked_at(self) -> list[tuple[float, float, float]]:
-        """Of a few maps: median depth (m), share of the pixels that are known, share of these that flew."""
+    def looked_at(self) -> list[tuple[float, float, float, float]]:
+        """Of a few maps: median depth (m), share of the pixels that are known, share of these that fly, scatter."""
         count = len(self._names)
         found = []
         for index in sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))}):
@@ -100,14 +101,15 @@ class DepthReader:
             known = np.isfinite(depth)
             flies = flying_pixels(depth, self._focal, self.sensor)
             median = float(np.median(depth[known])) if known.any() else np.nan
-            found.append((median, float(known.mean()), float(flies.sum() / max(known.sum(), 1))))
+            flown = float(flies.sum() / max(known.sum(), 1))
+            found.append((median, float(known.mean()), flown, scatter(depth, self.sensor)))
         return found
 
     def check(self, where: object) -> None:
         """Refuse depths that nothing knows, or that are in another unit."""
         if not self.looked_at:
             self._metres(0)  # says what is wrong
-        medians = np.array([median for median, _, _ in self.looked_at])
+        medians = np.array([median for median, *_ in self.looked_at])
         if np.isnan(medians).all():
             raise InputError(one_line(f"{where}: no depth is known in {len(medians)} maps, expected some"))
         median, sensor = float(np.nanmedian(medians)), self.sensor
@@ -120,7 +122,7 @@ class DepthReader:
 
     def describe(self) -> dict[str, Any]:
         """What ``run.json`` says of the depths."""
-        _, known, flown = (float(np.mean(column)) for column in zip(*self.looked_at, strict=True))
+        _, known, flown, wide = (float(np.nanmean(column)) for column in zip(*self.looked_at, strict=True))
         return {
             "sensor": dict(vars(self.sensor)),
             "unit_m": 1.0 if self.unit is None else self.unit,
@@ -129,6 +131,7 @@ class DepthReader:
             "virtual_baseline_m": self.rig.baseline,
             "known_share": known,
             "flying_share": flown,
+            "scatter": wide,
         }
 
     def doubts(self) -> Iterator[dict[str, str]]:
@@ -142,6 +145,11 @@ class DepthReader:
         if found["flying_share"] > _MANY_FLY:
             said = f"{100 * found['flying_share']:.0f} % of the depths belong to no surface: is the sensor another one?"
             yield {"code": "depth_flying", "message": said}
+        if found["scatter"] > _WIDE:
+            said = (
+                f"neighbouring depths scatter {found['scatter']:.1f} times as the sensor should: is it another?"
+            )
+            yield {"code": "depth_sensor", "message": said}
 
     def read(self, index: int, stamp: float) -> StereoPair:
         """Read a pair; its right image is the left one."""
@@ -226,6 +234,18 @@ class DepthReader:
         make: Any = cv2.fisheye.initUndistortRectifyMap if camera.lens == "equidistant" else cv2.initUndistortRectifyMap
         u, v = make(K, lens, np.eye(3), K, (camera.width, camera.height), cv2.CV_32FC1)
         return u, v, (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
+
+
+def scatter(depth: FloatArray, sensor: DepthSensor) -> float:
+    """Scatter of neighbouring depths over what the sensor's would be: 1 where each errs by itself, less where together.
+
+    The second difference of 1 / z is 0 on a plane; the median of its size is not moved by edges.
+    """
+    near = 1 / depth
+    second = near[:, :-2] - 2 * near[:, 1:-1] + near[:, 2:]
+    off = np.abs(second) / (np.sqrt(6.0) * sensor.sigma(depth[:, 1:-1]) * near[:, 1:-1] ** 2)
+    known = np.isfinite(off)
+    return float(1.4826 * np.median(off[known])) if known.any() else 0.0
 
 
 def clock_doubts(apart: FloatArray, interval: float) -> Iterator[dict[str, str]]:

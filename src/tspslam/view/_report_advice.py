@@ -14,6 +14,7 @@ ADVICE = {
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
+    "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
     "disparity_offset": (
         "Calibrate the pair anew, or check that the calibration belongs to these images and to their size."
     ),
