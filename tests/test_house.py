@@ -80,6 +80,7 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
 SHARED = {"rig", "se3", "images"}  # files of `vision` that its rooms may stand on
 BELOW_IN_VISION = {
     "slam": {"stereo", "features"} | SHARED,
+    "depth": set(),
     "stereo": {"features", "rig", "images"},
     "features": {"images"},
     "calibration": {"rig", "se3"},

@@ -41,9 +41,6 @@ FpsOption = Annotated[
     float | None, typer.Option("--fps", min=0.01, help="Frames a second, where names and files tell no times.")
 ]
 BitsOption = Annotated[int | None, typer.Option(min=1, max=16, help="Bits that 16-bit pixels use [default: found].")]
-FpsOption = Annotated[
-    float | None, typer.Option("--fps", min=0.01, help="Frames a second, where names and files tell no times.")
-]
 ThreadsOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Threads at a time [default: one a core].")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 

@@ -65,9 +65,9 @@ def open_source(given: Given) -> Source:
 
 def _open_cameras(given: Given) -> Source:
     others = {"SOURCE": given.paths} | {
-        f"--{name}": getattr(given, name) for name in ("depth", "disparity", "frames", "fps", "topics", "unit", "sensor")
+        f"--{name}": getattr(given, name) for name in ("depth", "disparity", "frames", "fps", "topics", "unit")
     }
-    given.refuse("unknown")
+    given.refuse("unknown", "sensor")
     return open_cameras(given.camera or [], given.layout, given.calib, given.out, others)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -30,6 +30,7 @@ from ._shared import (
     finish,
 )  # fmt: skip
 from ._sources import Given, open_source
+
 
 @app.command("run")
 def run_command(

@@ -10,7 +10,9 @@ from .layouts import open_sequence as open_sequence
 from .live import LiveSequence as LiveSequence
 from .maps import pair_from_map as pair_from_map
 from .maps import read_map as read_map
+from .rgbd import RgbdSequence as RgbdSequence
 from .rosbag import RosbagSequence as RosbagSequence
+from .rosbag_depth import RgbdBag as RgbdBag
 from .samples import motorcycle as motorcycle
 from .samples import motorcycle_truth as motorcycle_truth
 from .utias import UtiasRun as UtiasRun
@@ -21,6 +23,8 @@ __all__ = [
     "EurocSequence",
     "KittiSequence",
     "LiveSequence",
+    "RgbdBag",
+    "RgbdSequence",
     "RosbagSequence",
     "StereoFolder",
     "UtiasRun",

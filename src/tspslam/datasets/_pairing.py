@@ -253,15 +253,17 @@ def pair_by_number(
     return Paired([(left[number], right[number]) for number in both], times, lone)
 
 
-def pair_by_stamp(left: Mapping[int, Path | None], right: Mapping[int, Path | None], labels: tuple[str, str]) -> Paired:
-    """Pair images by their stamps (ns): those that are nearest to each other and within a quarter of an interval.
+def pair_by_stamp(
+    left: Mapping[int, Path | None], right: Mapping[int, Path | None], labels: tuple[str, str], *, apart: float = 0.25
+) -> Paired:
+    """Pair images by their stamps (ns): those that are nearest to each other and within a share of an interval.
 
     A stamp whose image is lost (None) takes part: its partner is left alone, and is not given to another image.
     A frame has the stamp of its left image. The interval is the median one of the side that has the shorter; a single
     image pairs with one of its very stamp.
     """
     times = [np.sort(np.array(list(side), np.int64)) for side in (left, right)]
-    matched = [(int(times[0][i]), int(times[1][j])) for i, j in _mutually_nearest(*times)]
+    matched = [(int(times[0][i]), int(times[1][j])) for i, j in _mutually_nearest(times[0], times[1], apart)]
     files, stamps = [], []
     for one, other in matched:
         first, second = left[one], right[other]
@@ -278,11 +280,11 @@ def pair_by_stamp(left: Mapping[int, Path | None], right: Mapping[int, Path | No
     return Paired(files, seconds(stamps), lone)
 
 
-def _mutually_nearest(left: IntArray, right: IntArray) -> list[tuple[int, int]]:
+def _mutually_nearest(left: IntArray, right: IntArray, apart: float) -> list[tuple[int, int]]:
     if not (len(left) and len(right)):
         return []
     steps = [float(np.median(np.diff(side))) for side in (left, right) if len(side) > 1]
-    tolerance = min(steps) / 4 if len(left) > 1 else 0.0
+    tolerance = min(steps) * apart if len(left) > 1 else 0.0
     forth, back = _nearest(left, right), _nearest(right, left)
     near = (back[forth] == np.arange(len(left))) & (np.abs(right[forth] - left) <= tolerance)
     return [(int(i), int(forth[i])) for i in np.flatnonzero(near)]

@@ -88,7 +88,7 @@ def sides(
         raise bad_input(path, f"left and right are both {left}", f"two of {_listed(images)}")
     if left is not None and right is not None:
         return left, right
-    found = [pair for pair in _partners(images) if left in (None, pair[0]) and right in (None, pair[1])]
+    found = [pair for pair in partners(images) if left in (None, pair[0]) and right in (None, pair[1])]
     lone = [any(_info_of(topic, kinds) is None for topic in pair) for pair in found]
     ranks = [
         (bare, not is_rectified(one), images[one] == COMPRESSED) for bare, (one, _) in zip(lone, found, strict=True)
@@ -102,7 +102,7 @@ def sides(
     return best[0]
 
 
-def _partners(images: Mapping[str, str]) -> list[tuple[str, str]]:
+def partners(images: Mapping[str, str]) -> list[tuple[str, str]]:
     """Topics whose names differ in nothing but the side."""
     pairs = [(topic, topic.replace(one, other)) for topic in images for one, other in _SIDES if one in topic]
     return sorted({pair for pair in pairs if pair[1] in images})

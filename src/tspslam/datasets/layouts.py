@@ -9,9 +9,10 @@ from typing import Any
 from .._checks import require_path
 from .._files import PathLike, one_line
 from ..errors import InputError
-from ..vision.stereo.depth_sensor import DepthSensor
+from ..vision.depth.sensor import DepthSensor
 from ._kinds import is_video, listed, no_source
 from ._rgbd_layouts import is_rgbd
+from ._rgbd_topics import is_rgbd_bag
 from ._ros import STORED, is_bag
 from ._sides import PLAIN, find_sides
 from .euroc import EurocSequence
@@ -19,10 +20,13 @@ from .folder import StereoFolder
 from .kitti import KittiSequence
 from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
+from .rosbag_depth import RgbdBag
 from .utias import UtiasRun
 from .video import VideoSequence, image_size
 
-Sequence = StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | VideoSequence | RgbdSequence
+Sequence = (
+    StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | VideoSequence | RgbdSequence | RgbdBag
+)
 
 
 _KNOWN = (
@@ -35,7 +39,7 @@ _GO_WITH = {  # for each option, the kinds that it goes with, and what to say of
     "layout": ({"video"}, "is no video, expected one with both images in it, {}"),
     "fps": ({"video", "plain"}, "has times of its own, expected no frames a second beside it (--fps, fps=)"),
     "unit": ({"rgbd"}, "has no depths, expected a folder of RGB-D with unit={}"),
-    "sensor": ({"rgbd"}, "has no depths, expected a folder of RGB-D with a sensor"),
+    "sensor": ({"rgbd", "bag"}, "has no depths, expected a folder or a bag of RGB-D with a sensor"),
     "calib": ({"bag", "video", "plain", "rgbd", "utias"}, "brings its own calibration, expected none beside it ({})"),
 }
 
@@ -60,7 +64,7 @@ def open_sequence(
         Calibration of a plain folder, one of RGB-D, a video or a UTIAS run, or of a bag, where it stands in for the
         camera infos; the other layouts bring their own.
     topics : tuple of 2 str, optional
-        Topics of a bag with the left and the right images.
+        Topics of a bag with the left and the right images, or with colour images and depths.
     bits : int, optional
         How many bits 16-bit pixels use, as in `StereoFolder`.
     layout : str, optional
@@ -68,11 +72,12 @@ def open_sequence(
     fps : float, optional
         Frames a second of a plain folder or a video, as in `StereoFolder` and `VideoImages`; the others have times.
     unit, sensor : optional
-        Metres in one step of the depths of a folder of RGB-D, and how they scatter, as in `RgbdSequence`.
+        Metres in one step of the depths of a folder of RGB-D, and how those of a folder or a bag scatter, as in
+        `RgbdSequence`.
 
     Returns
     -------
-    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence, VideoSequence or RgbdSequence
+    StereoFolder, EurocSequence, KittiSequence, UtiasRun, RosbagSequence, VideoSequence, RgbdSequence or RgbdBag
         Grey cameras where KITTI has both.
 
     Raises
@@ -97,8 +102,10 @@ def open_sequence(
         case "video":
             return _open_video(source, calib, layout, fps, bits)
         case "bag":
-            left, right = topics or (None, None)
-            return RosbagSequence(source, left=left, right=right, calib=calib, bits=bits)
+            one, other = topics or (None, None)
+            if not several and (sensor is not None or is_rgbd_bag(folder, topics)):
+                return RgbdBag(folder, colour=one, depth=other, calib=calib, sensor=sensor, bits=bits)
+            return RosbagSequence(source, left=one, right=other, calib=calib, bits=bits)
         case "plain":
             return StereoFolder(source, calib, bits=bits, fps=fps)
         case "rgbd":

@@ -13,10 +13,9 @@ from ..errors import InputError
 from ..io.images import read_image
 from ..types import FloatArray, Image
 from ._kinds import SUFFIXES, listed, no_source
-from ._pairing import images_in, name_of, path_of
+from ._pairing import images_in, name_of, natural, path_of
 from ._reader import StoredImages
 from ._ros import is_bag
-from .folder import natural
 
 _FOLDERS = (
     ("left", "right"), ("images/left", "images/right"), ("cam0", "cam1"), ("mav0/cam0/data", "mav0/cam1/data"),
@@ -127,7 +126,7 @@ def open_views(
     if missing is not None:
         raise bad_input(missing, "is not there", _KNOWN)
     if len(places) == 1 and is_bag(places[0]):
-        from .rosbag import BagImages
+        from ._bag_images import BagImages
 
         return BagImages(places[0], topics)
     if topics is not None:

@@ -232,7 +232,13 @@ def _process_all(
     said = [*getattr(sequence.source, "warnings", ()), *said]
     record |= {"status": "degraded"} if getattr(sequence.source, "ended_early", False) else {}
     record |= {"evaluation": describe_errors(errors)} if errors else {}
+    record, said = _of_depths(sequence.source, record), [*said, *getattr(sequence.source, "doubts", list)()]
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
+
+
+def _of_depths(source: Source, record: dict[str, Any]) -> dict[str, Any]:
+    """What is said of a run, with what its source tells of its depths, if it has some."""
+    return record | {"depth": source.describe()} if hasattr(source, "describe") else record
 
 
 def _write_all(

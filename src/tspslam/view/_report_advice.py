@@ -11,6 +11,10 @@ ADVICE = {
     "adjustment": "Drive slower or with more overlap there; single cases are harmless, many make the path drift.",
     "bits": "If the pictures look too dark or too bright, say how many bits your camera writes: --bits 12, say.",
     "calibration": "Look at your calibration file with tspslam calib show: it prints where each value is from.",
+    "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
+    "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
+    "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
+    "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
     "disparity_offset": (
         "Calibrate the pair anew, or check that the calibration belongs to these images and to their size."
     ),
@@ -31,7 +35,7 @@ ADVICE = {
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
     "scan_dropped": "Nothing is to be done for beams that met nothing; else look at what wrote the scan.",
-    "scan_outside": "Check --extrinsics: T_camera_scan takes a point of the scanner's frame to the camera's, in metres.",
+    "scan_outside": "Check --extrinsics: T_camera_scan takes a point of the scanner to the camera's frame, in metres.",
     "surface": "Nothing is to be done for a few frames; else choose the plain surface: --set surface.kind=delaunay.",
     "thin_map": "Let the camera see places more than once, from nearby: a slower pass, or more frames a second.",
     "tracking_lost": (

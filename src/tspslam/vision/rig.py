@@ -97,10 +97,13 @@ def project(rig: Rig, xyz: ArrayLike) -> FloatArray:
     return uv
 
 
-def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) -> FloatArray:
+def covariance(
+    rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike, *, sigma_disparity: ArrayLike | None = None
+) -> FloatArray:
     """Covariance of back-projected points, ``Σ = J diag(σ², σ², σ²) Jᵀ``.
 
-    J holds the derivatives of (x, y, z) by (u_left, u_right, v).
+    J holds the derivatives of (x, y, z) by (u_left, u_right, v); where the disparity was measured by itself, by
+    (u_left, disparity, v), and the second variance is its own.
 
     Parameters
     ----------
@@ -112,6 +115,8 @@ def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) 
         ``u_left - u_right``, px.
     sigma : (N,) array or float
         Standard deviation of each measured coordinate, px, not negative.
+    sigma_disparity : (N,) array or float, optional
+        Standard deviation of disparities that do not come from two places, px, positive or 0.
 
     Returns
     -------
@@ -133,7 +138,16 @@ def covariance(rig: Rig, uv: ArrayLike, disparity: ArrayLike, sigma: ArrayLike) 
     spread = np.asarray(sigma, np.float64)
     if spread.shape not in ((), (len(pixels),)) or not np.all(np.isfinite(spread) & (spread >= 0)):
         raise InputError(f"covariance: sigma has shape {spread.shape}, expected {len(pixels)} finite values >= 0")
-    scaled = _jacobian(rig, pixels, total) * np.reshape(spread, (-1, 1, 1))
+    J = _jacobian(rig, pixels, total)
+    if sigma_disparity is None:
+        scaled = J * np.reshape(spread, (-1, 1, 1))
+    else:
+        J[:, :, 0] += J[:, :, 1]  # now by u_left where the disparity stays
+        own = np.broadcast_to(np.asarray(sigma_disparity, np.float64), len(pixels))
+        if not np.all(np.isfinite(own) & (own >= 0)):
+            raise InputError("covariance: sigma_disparity holds a value that is no spread, expected finite px >= 0")
+        three = np.stack([np.broadcast_to(spread, len(pixels)), own, np.broadcast_to(spread, len(pixels))], axis=-1)
+        scaled = J * three[:, None, :]
     return scaled @ scaled.transpose(0, 2, 1)
 
 

@@ -229,7 +229,7 @@ def test_landmarks_in_one_place_become_one(there):
     )
     world.landmark_id = np.concatenate([world.landmark_id, world.next_id + np.arange(n)])
     tracked = PoseEstimate(frame.T_world_camera, frame.landmark, frame.uv, frame.disparity, np.eye(6))
-    estimate = places(there).merge_observations(again, tracked, 0.3)
+    estimate = places(there).merge_observations(again, tracked, lambda uv: np.full(len(uv), 0.3))
     known = np.isfinite(frame.disparity)
     assert np.isin(twin[known], world.keyframes[-1].landmark).all()
     assert not np.isin(frame.landmark[known], world.keyframes[-1].landmark).any()

@@ -47,15 +47,26 @@ def test_exact_sights_give_the_exact_pose():
     np.testing.assert_allclose(found.T_world_camera, T, atol=1e-8)
 
 
+def test_a_disparity_of_endless_spread_counts_as_none():
+    T, xyz, seen = observations(noise=0.3)
+    seen[::2, 2] += 30.0
+    spread, bearings = np.full(len(xyz), SIGMA[1]), seen.copy()
+    spread[::2], bearings[::2, 2] = 1e9, np.nan
+    ours, other = fit_pose(RIG, T, xyz, seen, (SIGMA[0], spread)), fit_pose(RIG, T, xyz, bearings, SIGMA)
+    np.testing.assert_allclose(ours.T_world_camera, other.T_world_camera, atol=1e-9)
+    off = fit_pose(RIG, T, xyz, seen, SIGMA).T_world_camera[:3, 3] - T[:3, 3]
+    assert np.linalg.norm(off) > 3 * np.linalg.norm(ours.T_world_camera[:3, 3] - T[:3, 3])
+
+
 def test_its_equations_are_the_derivatives_of_the_cost():
     T, xyz, seen = observations(noise=0.5)
-    T = inverse(T)
+    T, weights = inverse(T), np.tile(np.array(SIGMA) ** -2.0, (len(xyz), 1))
 
     def cost(step):
         S, b = np.empty((6, 6)), np.empty(6)
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         R, t = turn @ T[:3, :3], turn @ T[:3, 3] + step[3:]
-        return pose_equations(lens_of(RIG), R, t, xyz, seen, np.array(SIGMA) ** -2.0, 1e9, S, b), S, b
+        return pose_equations(lens_of(RIG), R, t, xyz, seen, weights, 1e9, S, b), S, b
 
     _, S, b = cost(np.zeros(6))
     steps = 1e-5 * np.eye(6)

@@ -139,3 +139,21 @@ def matched(i, j, n=None):
 def test_matches_that_do_not_fit_are_named(walk, matcher, said):
     with pytest.raises(InputError, match=said):
         StereoOdometry(RIG, detector=DETECTOR, matcher=matcher).process(walk[0])
+
+
+def test_an_odometry_goes_on_at_times_since_1970(walk):
+    odometry, again = (StereoOdometry(RIG, detector=DETECTOR) for _ in range(2))
+    for pair in walk[:2]:
+        odometry.process(replace(pair, stamp=1.7e9 + pair.stamp))
+    odometry.finish()
+    again.restore(odometry.state(), lambda number: walk[number].left)
+    assert again.path.stamps == odometry.path.stamps
+
+
+def test_a_state_whose_disparities_have_no_spread_is_refused(walk):
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
+    odometry.process(walk[0])
+    state = odometry.state()
+    state["sigma"][0] = 0
+    with pytest.raises(InputError, match="a disparity has no spread"):
+        StereoOdometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[number].left)

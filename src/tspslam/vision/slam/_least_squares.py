@@ -254,10 +254,10 @@ def pose_equations(
         if not residual(lens, R, t, X[m], seen[m], p, r):
             total += UNSEEN
             continue
-        cost, weight = huber_of(r, information, width)
+        cost, weight = huber_of(r, information[m], width)
         total += cost
         pose_jacobian(lens, p, not np.isnan(seen[m, 2]), J)
-        w_uv, w_d = weight * information[0], weight * information[1]
+        w_uv, w_d = weight * information[m, 0], weight * information[m, 1]
         for i in range(6):
             u, v, d = w_uv * J[0, i], w_uv * J[1, i], w_d * J[2, i]
             b[i] += u * r[0] + v * r[1] + d * r[2]
@@ -343,7 +343,7 @@ def distances(
     for m in range(X.shape[0]):
         distance[m] = np.inf
         if residual(lens, R, t, X[m], seen[m], p, r):
-            distance[m] = np.sqrt(square_of(r, information))
+            distance[m] = np.sqrt(square_of(r, information[m]))
 
 
 @reassociated_kernel

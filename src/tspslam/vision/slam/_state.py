@@ -35,6 +35,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "landmark": ("<i8", ("s",)),
     "uv": ("<f8", ("s", 2)),
     "disparity": ("<f8", ("s",)),
+    "sigma": ("<f8", ("s",)),
     "xyz": ("<f8", ("n", 3)),
     "landmark_id": ("<i8", ("n",)),
     "next_id": ("<i8", ()),
@@ -44,8 +45,11 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "has_new_loop": ("|b1", ()),
 }
 _MAY_BE_NAN = frozenset({"disparity"})
-_NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
+_NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
+    ("disparity", "sigma"), np.empty(0)
+)
 _LARGEST = 1e9  # of any value; positions in m
+_LATEST = 1e10  # s, of a stamp: in the year 2286, if it counts from 1970
 _ROUNDING = 1e-6  # m per m, of a product of poses
 _NEAREST_TOTAL = 1.5  # px of disparity + doffs, below which no landmark is made by default: how far a camera sees
 _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera that is tracked moves much less
@@ -114,9 +118,9 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         left = image_of(index) if shown[k] else None
         grey = None if left is None else np.array(grey_levels(left))
         image = build_pyramid(left) if left is not None and k >= len(ends) - last else None
-        landmark, uv, disparity = (state[name][rows] for name in ("landmark", "uv", "disparity"))
+        landmark, uv, disparity, sigma = (state[name][rows] for name in ("landmark", "uv", "disparity", "sigma"))
         T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
-        map_.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, is_start))
+        map_.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, sigma, is_start))
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -159,8 +163,8 @@ def _wrong_types(state: Arrays) -> Iterator[str]:
 
 def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
     for name, (kind, _) in SCHEMA.items():
-        values = state[name]
-        if kind == "<f8" and not ((np.abs(values) < _LARGEST) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
+        values, most = state[name], _LATEST if name == "stamps" else _LARGEST
+        if kind == "<f8" and not ((np.abs(values) < most) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
             yield f"array {name} holds a value that is not finite or too large"
     for name in ("anchored", "poses", "keyframe_pose"):
         if not is_rigid(state[name]):
@@ -203,6 +207,8 @@ def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
     u, v = state["uv"].T
     if ((u < -1) | (u > rig.width) | (v < -1) | (v > rig.height)).any():
         yield "a landmark is seen outside the image"
+    if not (state["sigma"] > 0).all():
+        yield "a disparity has no spread"
 
 
 def _wrong_ids(state: Arrays) -> Iterator[str]:

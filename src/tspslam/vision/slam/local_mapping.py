@@ -20,6 +20,7 @@ from .bundle import Adjustment, Observations, adjust
 from .loop_closing import PlaceRecognition, distribute_loop_error
 from .map import Keyframe, Keypoints, Map
 from .pose import PoseEstimate
+from .tracking import spread_of
 
 
 class DisparityBias:
@@ -189,7 +190,7 @@ class LocalMapper:
     places : PlaceRecognition
         Finds places seen before.
     sigma_disparity : float
-        Standard deviation of a disparity, px.
+        Standard deviation of a disparity, where the pair does not tell it, px.
     sigma_offset : float
         Of the offset of all disparities before anything is seen, px.
 
@@ -246,17 +247,23 @@ class LocalMapper:
         """
         T, image = T_world_camera, images.left_image
         keypoints = Keypoints(stereo.left.uv, stereo.disparity, binary_descriptors(stereo.left.descriptor))
+
+        def spread(uv: FloatArray) -> FloatArray:
+            return spread_of(images, uv, self.sigma_disparity)
+
         if estimate is not None:
-            estimate = self._close_loop(index, image.pyramid, replace(estimate, T_world_camera=T), keypoints, measure)
+            estimate = self._close_loop(
+                index, image.pyramid, replace(estimate, T_world_camera=T), keypoints, measure, spread
+            )
             T = estimate.T_world_camera
-        self.map.add(index, T, (image.pyramid, np.array(image.grey)), estimate, keypoints)
+        self.map.add(index, T, (image.pyramid, np.array(image.grey)), estimate, keypoints, spread)
         self.expected = len(self.map.keyframes[-1].landmark)
         self.start_adjustment()
         return T
 
     def _close_loop(
         self, index: int, image: Pyramid, estimate: PoseEstimate, keypoints: Keypoints,
-        measure: Callable[[PoseEstimate], FloatArray],
+        measure: Callable[[PoseEstimate], FloatArray], spread: Callable[[FloatArray], FloatArray],
     ) -> PoseEstimate:  # fmt: skip
         """The estimate with what is seen again of old places; where the map has drifted, the error is distributed."""
         T = estimate.T_world_camera
@@ -268,18 +275,18 @@ class LocalMapper:
             distribute_loop_error(self.map, loop.place, normalised(again.T_world_camera @ inverse(T)), T)
             T = again.T_world_camera
             self.closures.append((index, self.map.keyframes[loop.place].index))
-        return self._places.merge_observations(again, replace(estimate, T_world_camera=T), self.sigma_disparity)
+        return self._places.merge_observations(again, replace(estimate, T_world_camera=T), spread)
 
     def start_adjustment(self) -> None:
         """Have the last keyframes adjusted, or all where a loop was closed."""
         map_ = self.map
         is_whole = map_.has_new_loop and len(map_.keyframes) <= map_.settings.max_keyframes
-        problem = collect_problem(map_, self._sigmas, is_whole=is_whole)
+        problem = collect_problem(map_, self._sigma_uv, is_whole=is_whole)
         self._asked = None if problem is None else (problem, self._worker.submit(problem.solve, *self._given))
 
     @property
-    def _sigmas(self) -> tuple[float, float]:
-        return self._places.tracking.sigma_uv, self.sigma_disparity
+    def _sigma_uv(self) -> float:
+        return self._places.tracking.sigma_uv
 
     @property
     def _given(self) -> tuple[Rig, float, float, int]:
@@ -327,7 +334,7 @@ class LocalMapper:
         T, map_ = self.join(T_world_camera), self.map
         if not 2 <= len(map_.keyframes) <= map_.settings.max_keyframes:
             return T
-        problem = collect_problem(map_, self._sigmas, is_whole=True)
+        problem = collect_problem(map_, self._sigma_uv, is_whole=True)
         if problem is None:
             return T
         try:
@@ -361,15 +368,15 @@ class LocalMapper:
         self._worker.close()
 
 
-def collect_problem(map_: Map, sigmas: tuple[float, float], *, is_whole: bool) -> AdjustmentProblem | None:
+def collect_problem(map_: Map, sigma_uv: float, *, is_whole: bool) -> AdjustmentProblem | None:
     """Collect what to adjust: the last keyframes and what they saw, held by the older ones that see it too, or all.
 
     Parameters
     ----------
     map_ : Map
         Keyframes and landmarks.
-    sigmas : (float, float)
-        Standard deviations of a tracked point and of a disparity, px.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
     is_whole : bool
         All keyframes, the first of which stays, and all landmarks.
 
@@ -379,7 +386,7 @@ def collect_problem(map_: Map, sigmas: tuple[float, float], *, is_whole: bool) -
         None where there is too little to adjust.
     """
     frames, rows, held = (map_.keyframes, np.arange(len(map_.xyz)), 1) if is_whole else _window(map_)
-    return _problem(map_, frames, rows, held, sigmas) if len(frames) > 1 else None
+    return _problem(map_, frames, rows, held, sigma_uv) if len(frames) > 1 else None
 
 
 def _window(map_: Map) -> tuple[list[Keyframe], NDArray[np.int64], int]:
@@ -394,7 +401,7 @@ def _window(map_: Map) -> tuple[list[Keyframe], NDArray[np.int64], int]:
 
 
 def _problem(
-    map_: Map, frames: Sequence[Keyframe], rows: NDArray[np.int64], held: int, sigmas: tuple[float, float]
+    map_: Map, frames: Sequence[Keyframe], rows: NDArray[np.int64], held: int, sigma_uv: float
 ) -> AdjustmentProblem | None:
     """Adjustment of frames, the first `held` of which stay, and of the landmarks that two of them see."""
     landmark = np.concatenate([frame.landmark for frame in frames])
@@ -407,7 +414,6 @@ def _problem(
     point[kept] = np.arange(len(kept))
     used = np.flatnonzero(point[landmark] >= 0)
     uv = np.concatenate([frame.uv for frame in frames])[used]
-    disparity = np.concatenate([frame.disparity for frame in frames])[used]
-    ones = np.ones(len(used))
-    seen = Observations(pose[used], point[landmark[used]], uv, disparity, sigmas[0] * ones, sigmas[1] * ones)
+    disparity, sigma = (np.concatenate([getattr(f, name) for f in frames])[used] for name in ("disparity", "sigma"))
+    seen = Observations(pose[used], point[landmark[used]], uv, disparity, np.full(len(used), sigma_uv), sigma)
     return AdjustmentProblem(tuple(frames), np.arange(len(frames)) < held, kept, map_.xyz[kept], used, seen)

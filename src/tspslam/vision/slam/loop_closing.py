@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,15 +202,17 @@ class PlaceRecognition:
                 return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
         return None
 
-    def merge_observations(self, again: PoseEstimate, estimate: PoseEstimate, sigma_disparity: float) -> PoseEstimate:
+    def merge_observations(
+        self, again: PoseEstimate, estimate: PoseEstimate, spread: Callable[[FloatArray], FloatArray]
+    ) -> PoseEstimate:
         """Join what a camera sees again to what it tracks: landmarks in the same place become one in the map.
 
         Parameters
         ----------
         again, estimate : PoseEstimate
             Landmarks seen again, and those that are tracked, all with disparities.
-        sigma_disparity : float
-            Standard deviation of a disparity, px.
+        spread : callable
+            Standard deviations of the disparities at places (K, 2) of its image, (K,) px.
 
         Returns
         -------
@@ -232,7 +235,7 @@ class PlaceRecognition:
             uv=np.concatenate([again.uv, estimate.uv[rest]]),
             disparity=np.concatenate([again.disparity, estimate.disparity[rest]]),
         )
-        return refine_pose(self.map_.rig, both, self.map_.xyz, both.disparity, sigma_disparity, self.tracking)
+        return refine_pose(self.map_.rig, both, self.map_.xyz, both.disparity, spread(both.uv), self.tracking)
 
     def places_near(self, estimate: PoseEstimate, tracked: BoolArray) -> list[tuple[int, float]]:
         """Find older keyframes near a camera that look its way, and whose landmarks it does not track, nearest first.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from ..se3 import inverse
 from .bundle import Adjustment
 from .pose import PoseEstimate
 from .tracking import Reference
+
+_NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Keyframe(Brief):
         Where it sees them, px.
     disparity : (K,) float64
         As measured, px; NaN where not known.
+    sigma : (K,) float64
+        Standard deviations of the disparities, px; of those that are not known, what they would have.
     is_start : bool
         Whether the map began anew with it: its pose against the earlier ones is a guess.
     """
@@ -117,6 +121,7 @@ class Keyframe(Brief):
     landmark: NDArray[np.int64]
     uv: FloatArray
     disparity: FloatArray
+    sigma: FloatArray
     is_start: bool = False
 
 
@@ -247,12 +252,11 @@ class Map:
         Returns
         -------
         dict of str to array
-            ``landmark`` (O,) int64, ``uv`` (O, 2) float64, px, ``disparity`` (O,) float64, px.
+            ``landmark`` (O,) int64, ``uv`` (O, 2) float64, ``disparity`` and ``sigma`` (O,) float64, px.
         """
-        nothing = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0)}
         return {
             name: np.concatenate([empty, *(getattr(frame, name) for frame in self.keyframes)])
-            for name, empty in nothing.items()
+            for name, empty in _NOTHING.items()
         }
 
     def references(self) -> list[Reference]:
@@ -273,7 +277,7 @@ class Map:
 
     def add(
         self, index: int, T_world_camera: FloatArray, images: tuple[Pyramid, NDArray[np.uint8]],
-        estimate: PoseEstimate | None, keypoints: Keypoints,
+        estimate: PoseEstimate | None, keypoints: Keypoints, spread: Callable[[FloatArray], FloatArray],
     ) -> None:  # fmt: skip
         """Make a frame a keyframe: the landmarks that it tracks are seen again, its other keypoints are new ones.
 
@@ -289,6 +293,8 @@ class Map:
             Landmarks that it tracks; None where the map begins anew.
         keypoints : Keypoints
             What may become landmarks.
+        spread : callable
+            Standard deviations of the disparities at places (K, 2) of its image, (K,) px.
         """
         nothing = np.empty(0, np.int64), np.empty((0, 2)), np.empty(0), np.empty((6, 6))
         old = estimate or PoseEstimate(T_world_camera, *nothing)
@@ -305,7 +311,7 @@ class Map:
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
         is_start = bool(self.keyframes) and estimate is None
-        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, is_start))
+        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, spread(uv), is_start))
         self._tidy()
 
     def _new_landmarks(self, keypoints: Keypoints, tracked: FloatArray) -> NDArray[np.int64]:
@@ -364,7 +370,8 @@ class Map:
                 continue
             _, first = np.unique(landmark, return_index=True)
             kept = np.sort(first[landmark[first] >= 0])
-            self._change(k, landmark=landmark[kept], uv=frame.uv[kept], disparity=frame.disparity[kept])
+            columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
+            self._change(k, **columns | {"landmark": landmark[kept]})
 
     def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
@@ -438,5 +445,5 @@ class Map:
         for k, frame in enumerate(self.keyframes):
             if frame.index in keyframes:
                 row, kept = keyframes[frame.index]
-                columns = {name: getattr(frame, name)[kept] for name in ("landmark", "uv", "disparity")}
+                columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
                 self._change(k, T_world_camera=found.T_world_camera[row], **columns)

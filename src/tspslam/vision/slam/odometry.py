@@ -26,7 +26,7 @@ from .local_mapping import LocalMapper
 from .loop_closing import LoopSettings, PlaceRecognition
 from .map import Map, MapSettings
 from .pose import PoseEstimate, Tracked
-from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, track_pose
+from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, spread_of, track_pose
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
@@ -45,7 +45,7 @@ class Tracking(Checked, what="tracking"):
     patience : int
         Frames lost in a row after which the map begins anew, at the pose that a constant velocity predicts.
     sigma_disparity : float
-        Standard deviation of a disparity.
+        Standard deviation of a disparity, where the pair does not tell it.
     sigma_offset : float
         Standard deviation of the calibration's disparity offset.
     every_frame : bool
@@ -323,7 +323,8 @@ class StereoOdometry:
         if estimate is None:
             return None
         disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
-        return refine_pose(map_.rig, estimate, map_.xyz, disparity, self.tracking.sigma_disparity, settings)
+        spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
+        return refine_pose(map_.rig, estimate, map_.xyz, disparity, spread, settings)
 
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""

@@ -162,7 +162,7 @@ def fit_pose(
     T_world_camera: FloatArray,
     xyz: FloatArray,
     seen: FloatArray,
-    sigma: tuple[float, float],
+    sigma: tuple[float, float | FloatArray],
     *,
     huber: float = 2.5,
     max_steps: int = 10,
@@ -179,7 +179,7 @@ def fit_pose(
         Points in the world, m.
     seen : (N, 3) float64
         Their (u, v, disparity), px; a disparity NaN makes a bearing.
-    sigma : (float, float)
+    sigma : (float, float or (N,) float64)
         Standard deviations of pixels and of disparities, px.
     huber : float
         Width of the Huber cost, standard deviations.
@@ -208,7 +208,8 @@ def fit_pose(
     """
     from ._least_squares import distances, pose_equations, pose_step
 
-    T, lens, weights = inverse(T_world_camera), lens_of(rig), np.array(sigma) ** -2.0
+    T, lens, weights = inverse(T_world_camera), lens_of(rig), np.empty((len(xyz), 2))
+    weights[:, 0], weights[:, 1] = sigma[0] ** -2.0, np.asarray(sigma[1]) ** -2.0
     known = xyz, seen, weights, huber
 
     def propose(state: _State, damping: float) -> _State | None:
@@ -228,8 +229,8 @@ def fit_pose(
 
 
 def fit_robustly(
-    rig: Rig, xyz: FloatArray, estimate: PoseEstimate, sigma: tuple[float, float], gates: tuple[float, ...],
-    min_matches: int,
+    rig: Rig, xyz: FloatArray, estimate: PoseEstimate, sigma: tuple[float, float | FloatArray],
+    gates: tuple[float, ...], min_matches: int,
 ) -> PoseEstimate | None:  # fmt: skip
     """Fit a pose to its landmarks with fewer and fewer outliers; None where too few are left.
 
@@ -241,7 +242,7 @@ def fit_robustly(
         All landmarks, m.
     estimate : PoseEstimate
         Where to start, and which landmarks are seen where.
-    sigma : (float, float)
+    sigma : (float, float or (K,) float64)
         Standard deviations of pixels and of disparities, px.
     gates : tuple of float
         Standard deviations beyond which an observation is dropped, round by round.
@@ -254,14 +255,15 @@ def fit_robustly(
     """
     T, points = estimate.T_world_camera, xyz[estimate.landmark]
     seen, left = np.column_stack([estimate.uv, estimate.disparity]), np.arange(len(estimate))
+    spread = np.broadcast_to(sigma[1], len(estimate))
     for gate in gates:
         if len(left) < min_matches:
             return None
-        found = fit_pose(rig, T, points[left], seen[left], sigma)
+        found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]))
         T, left = found.T_world_camera, left[found.distance <= gate]
     if len(left) < min_matches:
         return None
-    found = fit_pose(rig, T, points[left], seen[left], sigma, max_steps=0)
+    found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]), max_steps=0)
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
     rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
     return PoseEstimate(T, *rows, covariance, estimate.in_view)

@@ -13,7 +13,7 @@ from ...types import BoolArray, FloatArray, Rig
 from ..images import PreparedPair, Pyramid, are_usable
 from ..rig import project
 from ..se3 import inverse
-from ..stereo.dense import checked_map, sample_map
+from ..stereo.dense import checked_map, sample_map, sample_sigma
 from ..stereo.matches import uv_right
 from ..stereo.row_matcher import SearchNear, level_rows
 from .patch_tracking import Patch, compute_warps, track_patches
@@ -212,8 +212,28 @@ def measure_disparities(
     return np.where(are_usable(images.usable, uv_right(estimate.uv, found)), found, np.nan)
 
 
+def spread_of(images: PreparedPair, uv: FloatArray, otherwise: float) -> FloatArray:
+    """Standard deviations of the disparities at places of the left image.
+
+    Parameters
+    ----------
+    images : PreparedPair
+        With `sigma`, perhaps.
+    uv : (K, 2) float64
+        Places inside the image, px.
+    otherwise : float
+        What it is where the pair does not tell, px.
+
+    Returns
+    -------
+    (K,) float64
+        px.
+    """
+    return np.full(len(uv), otherwise) if images.sigma is None else sample_sigma(images.sigma, uv, otherwise)
+
+
 def refine_pose(
-    rig: Rig, estimate: PoseEstimate, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float,
+    rig: Rig, estimate: PoseEstimate, xyz: FloatArray, disparity: FloatArray, sigma_disparity: float | FloatArray,
     settings: TrackingSettings,
 ) -> PoseEstimate:  # fmt: skip
     """Refine a pose by disparities of its landmarks; it stays as it is if too few agree.
@@ -228,7 +248,7 @@ def refine_pose(
         All landmarks, m.
     disparity : (K,) float64
         As measured, px; NaN where not known.
-    sigma_disparity : float
+    sigma_disparity : float or (K,) float64
         Standard deviation of a disparity, px.
     settings : TrackingSettings
         Gates.

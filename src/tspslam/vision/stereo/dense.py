@@ -22,7 +22,9 @@ _FEWEST_LEVELS = 16  # values between the ends; fewer (a wall and a box) do not 
 _SIGNS = (-1.0, -16.0)  # of OpenCV's block matching, in px and in its sixteenths, where nothing else is negative
 
 
-def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma: ArrayLike = 0.5) -> Cloud:
+def cloud_from_disparity(
+    rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma: ArrayLike = 0.5, sigma_map: ArrayLike | None = None
+) -> Cloud:
     """Points at given places of a disparity map.
 
     Parameters
@@ -36,6 +38,8 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
         Places in the left image, px: keypoints, or `GridDetector`'s.
     sigma : (N,) array or float
         Standard deviation of u_left, u_right and v, px.
+    sigma_map : (H, W) float array, optional
+        Standard deviation of the disparity of each pixel, px, where it is known; then `sigma` is that of u and v.
 
     Returns
     -------
@@ -75,7 +79,10 @@ def cloud_from_disparity(rig: Rig, disparity: ArrayLike, uv: ArrayLike, *, sigma
         raise InputError(f"sigma is {spread.dtype} of shape {spread.shape}, expected one number or {len(places)}")
     spread = np.broadcast_to(spread.astype(np.float64), len(places))[rows]
     uv, disparity = places[rows], found[rows]
-    return Cloud(back_project(rig, uv, disparity), uv, disparity, covariance(rig, uv, disparity, spread))
+    own = None if sigma_map is None else sample_sigma(checked_map("sigma", sigma_map, rig), uv, float(np.max(spread)))
+    return Cloud(
+        back_project(rig, uv, disparity), uv, disparity, covariance(rig, uv, disparity, spread, sigma_disparity=own)
+    )
 
 
 def cloud_from_depth(
@@ -298,3 +305,31 @@ def sample_map(disparity: FloatArray, uv: FloatArray) -> FloatArray:
     nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None], axis=0)[0]
     is_smooth = corners.max(axis=0) - corners.min(axis=0) <= _SMOOTH  # False where one is NaN
     return np.where(is_smooth, (weights * corners).sum(axis=0), nearest)
+
+
+def sample_sigma(sigma: FloatArray, uv: FloatArray, otherwise: float) -> FloatArray:
+    """Standard deviation of the disparity at places of a map: that of the nearest pixel.
+
+    Parameters
+    ----------
+    sigma : (H, W) float64
+        px; NaN or not positive where it is not known.
+    uv : (N, 2) float64
+        Places inside the image, px.
+    otherwise : float
+        What it is where the map does not tell, px.
+
+    Returns
+    -------
+    (N,) float64
+
+    Examples
+    --------
+    >>> sample_sigma(np.array([[0.1, np.nan]]), np.array([[0.4, 0], [0.6, 0]]), 0.3).tolist()
+    [0.1, 0.3]
+    """
+    column, row = np.floor(uv.T + 0.5).astype(np.int64)
+    height, width = sigma.shape
+    found = sigma[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.where((found > 0) & (found < np.inf), found, otherwise)

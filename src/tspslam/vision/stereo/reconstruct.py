@@ -219,7 +219,8 @@ def _of_map(pair: PreparedPair, disparity: FloatArray, left: Features) -> Stereo
     """What the left image and a map of disparities show."""
     _require_features(pair, left, left)
     try:
-        cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=PIXEL_SIGMA * left.scale)
+        spread = PIXEL_SIGMA * left.scale
+        cloud = cloud_from_disparity(pair.rig, disparity, left.uv, sigma=spread, sigma_map=pair.sigma)
     except InputError as error:
         raise type(error)(f"{pair.name}: {error}") from error
     if len(cloud) < _FEWEST:
