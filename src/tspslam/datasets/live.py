@@ -424,7 +424,7 @@ def _sides(frames: list[Image], layout: str | None) -> tuple[Image, Image]:
     """Left and right image of what was taken, grey or RGB."""
     import cv2
 
-    plain: list[Image] = [cv2.cvtColor(each, cv2.COLOR_BGR2RGB) if each.ndim == 3 else each for each in frames]
+    plain: list[Any] = [cv2.cvtColor(each, cv2.COLOR_BGR2RGB) if each.ndim == 3 else each for each in frames]
     sides: list[Image] = [np.ascontiguousarray(each) for each in (halves(plain[0], layout) if layout else plain)]
     return sides[0], sides[1]
 
