@@ -80,7 +80,7 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     if is_kitti(text):
         return read_kitti(parse_kitti(text, path), pixels)
     source = Source(path, parse_mapping(text, path, _EXPECTED))
-    if not is_own(source):  # which names lenses in its own words
+    if not any("lens" in source.part(side) for side in ("left", "right") if side in source):  # ours: in its own words
         check_lens(source)
     for is_one, read in _YAML:
         if is_one(source):
