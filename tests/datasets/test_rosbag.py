@@ -543,8 +543,8 @@ def test_a_turn_or_another_k_alone_is_rectified_too(tmp_path, pairs, lens):
 
 
 BAD_CAMERAS = {
-    "distortion_model is 'equidistant', expected plumb_bob": {"model": "equidistant", "D": [0.0] * 4},
-    "camera_info.D[5] (k4) is 0.1, expected 0": {"model": "rational_polynomial", "D": [0.1] * 6 + [0, 0]},
+    "distortion_model is 'ocam', expected one of plumb_bob": {"model": "ocam", "D": [0.0] * 4},
+    "camera_info.D[12] (tx) is 0.1, expected 0": {"model": "rational_polynomial", "D": [0.0] * 12 + [0.1, 0]},
     "camera_info.D has 3 numbers": {"D": [0.1] * 3},
     "camera_info.D[1] is nan": {"D": [0.1, np.nan, 0, 0, 0]},
     "camera_info.R holds no rotation": {"R": np.zeros((3, 3))},
@@ -552,7 +552,7 @@ BAD_CAMERAS = {
     "camera_info.P[0,0] is 0, expected a focal length": {"P0": 0},
     "camera_info.P[0,3] is -5": {"P3": -5},
     "camera_info.P[1,3] is 1": {"P7": 1},
-    "rig: width is 0": {"size": (0, 48)},
+    "camera_info.width is 0": {"size": (0, 48)},
     "folds its image": {"D": (-9.0, 0, 0, 0, 0)},
 }
 

@@ -98,6 +98,17 @@ def test_a_field_of_view_stands_in_our_own_file_alone(tmp_path: Path, raw: Path,
     assert not (tmp_path / "a").exists()
 
 
+def test_a_field_of_view_is_read_back(tmp_path: Path, raw: Path) -> None:
+    convert(raw, tmp_path / "calib.yaml", field_of_view=60.0)
+    cameras = read_calibration(tmp_path / "calib.yaml").cameras
+    assert isinstance(cameras, RawRig)
+    if cameras.field_of_view is None:
+        pytest.skip("our own file holds no field of view")
+    assert cameras.field_of_view == 60.0
+    said = convert(tmp_path / "calib.yaml", tmp_path / "infos", "ros")
+    assert any("field of view is not written for ros" in line for line in said)
+
+
 def test_what_a_format_cannot_hold_is_said_with_the_file(tmp_path: Path, raw: Path, rectified: Path, capsys: Capture) -> None:  # fmt: skip
     with_k3 = replace(RAW, left=replace(RAW.left, distortion=(-0.3, 0.1, 0.0, 0.0, 0.01)))
     save_cameras(with_k3, tmp_path / "k3.yaml")

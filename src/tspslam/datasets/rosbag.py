@@ -57,7 +57,7 @@ class RosbagSequence:
     ------
     InputError
         If the library or a part is missing, the bag is damaged or has chunks of over 256 MiB, the topics cannot be
-        told, the cameras are not of a rectified pair or of lenses with Brown's distortion (``plumb_bob``), `calib` is
+        told, the cameras are not of a rectified pair or of lenses that camera infos name, `calib` is
         of raw cameras and the images are known to be rectified, stamps are all 0 or go back in the order of
         recording, or no pair is found.
 

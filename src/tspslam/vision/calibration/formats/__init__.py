@@ -11,6 +11,7 @@ from typing import Any
 
 from ...._checks import require_path
 from ...._files import PathLike, bad_input, reason_of
+from ...._lazy import load_files
 from ...._text import parse_json, read_text
 from ...._yaml import LARGEST_FILE
 from ....errors import InputError
@@ -31,6 +32,7 @@ from .readers.orbslam import is_orbslam, read_orbslam
 from .readers.stella import is_stella, read_stella
 from .readers.zed import is_zed, parse_zed, read_zed
 
+__getattr__ = load_files(__name__)
 _EXPECTED = "a calibration of tspslam, KITTI, EuRoC, OpenCV, Kalibr, ROS, ORB-SLAM or another program that is known"
 _PLACES = (*euroc.PLACES, *ros.PLACES, *colmap.PLACES)  # in a folder
 _JSON = re.compile(r"\s*[\[{]\s*[\"\[{\]}]")  # a mapping of YAML may begin with a brace as well, but not with a quote
