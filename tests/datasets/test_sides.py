@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tspslam import cli
 from tspslam.datasets import EurocSequence, KittiSequence, StereoFolder, open_sequence
+from tspslam.datasets._folder_images import FolderImages
 from tspslam.datasets._sides import find_sides
-from tspslam.datasets.folder import FolderImages
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.types import Rig

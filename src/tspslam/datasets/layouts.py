@@ -98,7 +98,22 @@ def open_sequence(
 
 
 def are_parts(paths: list[Path]) -> bool:
-    """Whether several paths are one sequence: two folders of images, or files of one bag."""
+    """Tell whether several paths are one sequence: two folders of images, or files of one bag.
+
+    Parameters
+    ----------
+    paths : list of path
+        What a user names.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> are_parts([Path("a_0.bag"), Path("a_1.bag")]), are_parts([Path("left.png"), Path("right.png")])
+    (True, False)
+    """
     if len(paths) < 2:
         return False
     return all(map(is_bag, paths)) or (len(paths) == 2 and all(path.is_dir() for path in paths))
