@@ -105,8 +105,7 @@ class Reader:
 
 def _within(image: Image) -> Image:
     """Luminance from 0 to 1 again, where cubic interpolation went beyond; OpenCV sees to that for integers."""
-    within: Image = np.clip(image, 0, 1) if image.dtype.kind == "f" else image
-    return within
+    return np.asarray(image.clip(0, 1), image.dtype) if image.dtype.kind == "f" else image
 
 
 class FileReader(Reader):
