@@ -105,7 +105,7 @@ class Reader:
 
 def _within(image: Image) -> Image:
     """Luminance from 0 to 1 again, where cubic interpolation went beyond; OpenCV sees to that for integers."""
-    return np.asarray(image.clip(0, 1), image.dtype) if image.dtype.kind == "f" else image
+    return np.clip(image, 0, 1, dtype=np.float32) if image.dtype == np.float32 else image
 
 
 class FileReader(Reader):
