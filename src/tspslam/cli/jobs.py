@@ -79,8 +79,6 @@ def run_command(
         raise typer.BadParameter("goes with --depth or --disparity", param_hint=hint)
     else:
         pairs = _open_source(source or [], calib, topics, bits, fps)
-    with remarks_as_json() if as_json else contextlib.nullcontext():
-        note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
     wanted = _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
@@ -91,6 +89,7 @@ def run_command(
             chosen_frames = wanted if frames else None
             result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
         try:
+            _say_remarks(pairs, as_json)
             finish(result, as_json)
         finally:
             viewer.stay()
@@ -121,6 +120,12 @@ def filter_command(
         on_step(Step("filter"))
         result = filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits)
     finish(result, as_json)
+
+
+def _say_remarks(pairs: Source, as_json: bool) -> None:
+    """Say where stamps are from, and how images were paired, if their reader tells."""
+    with remarks_as_json() if as_json else contextlib.nullcontext():
+        note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
 
 
 def _open_source(
