@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tspslam import cli
+from tspslam.cli import jobs
 from tspslam.datasets import EurocSequence, KittiSequence, StereoFolder, open_sequence
+from tspslam.datasets._folder_images import FolderImages
 from tspslam.datasets._sides import find_sides
-from tspslam.datasets.folder import FolderImages
 from tspslam.errors import InputError
 from tspslam.io.images import write_png
 from tspslam.types import Rig
@@ -143,27 +144,24 @@ def test_two_folders_are_a_sequence(tmp_path: Path) -> None:
         StereoFolder([tmp_path, 7])  # type: ignore[list-item]
 
 
-def test_the_command_line_takes_two_folders_and_says_what_stamps_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_takes_two_folders_and_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fill(tmp_path, ["a/0.png", "a/1.png"], ["b/0.png", "b/1.png"])
-    words = [
-        "run",
-        str(tmp_path / "a"),
-        str(tmp_path / "b"),
-        "--calib",
-        str(tmp_path / "calib.yaml"),
-        "--frames",
-        "5:6",
-    ]
-    assert cli.exit_code(words) == cli.BAD_INPUT
-    said = capsys.readouterr().err
-    assert "note: stamps are numbers of frames" in said
-    assert "selects none of the 2 frames" in said
-    assert cli.exit_code([*words, "--fps", "20", "--json"]) == cli.BAD_INPUT
-    assert "note" not in capsys.readouterr().err
+    words = ["run", str(tmp_path / "a"), str(tmp_path / "b"), "--calib", str(tmp_path / "calib.yaml")]
+    assert cli.exit_code([*words, "--fps", "20", "--frames", "5:6"]) == cli.BAD_INPUT
+    assert capsys.readouterr().err.strip().endswith("--frames 5:6: selects none of the 2 frames")
+    assert cli.exit_code([*words, "--topics", "/a", "/b"]) == cli.BAD_INPUT
+    assert "is no bag" in capsys.readouterr().err
     assert cli.exit_code(["run", "--fps", "20"]) == cli.USAGE
     assert cli.exit_code(["run", "l.png", "r.png", "--calib", "c.yaml", "--fps", "20"]) == cli.USAGE
+
+
+def test_what_stamps_are_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fill(tmp_path, ["left/0.png", "left/1.png"], ["right/0.png", "right/1.png"])
+    for as_json, start in ((False, "note: stamps are numbers"), (True, '{"note": "stamps are numbers')):
+        jobs._say_remarks(StereoFolder(tmp_path), as_json)
+        assert capsys.readouterr().err.startswith(start)
+    jobs._say_remarks(StereoFolder(tmp_path, fps=20), False)
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("kind", [EurocSequence, KittiSequence])

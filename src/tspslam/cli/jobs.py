@@ -79,8 +79,6 @@ def run_command(
         source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
     )
     pairs = open_source(given)
-    with remarks_as_json() if as_json else contextlib.nullcontext():
-        note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
     wanted = range(0) if camera else _frame_range(frames, len(pairs))
     target = out or Path("runs") / pairs.name
     check_folder(target, *(source or []), calib, depth, disparity)
@@ -91,6 +89,7 @@ def run_command(
             chosen_frames = wanted if frames else None
             result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
         try:
+            _say_remarks(pairs, as_json)
             finish(result, as_json)
         finally:
             viewer.stay()
@@ -136,6 +135,12 @@ def filter_command(
             kind: Any = surface
             result = filter_scan(given, image, calib, target, stage, extrinsics=extrinsics, surface=kind, bits=bits)
     finish(result, as_json)
+
+
+def _say_remarks(pairs: Source, as_json: bool) -> None:
+    """Say where stamps are from, and how images were paired, if their reader tells."""
+    with remarks_as_json() if as_json else contextlib.nullcontext():
+        note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
 
 
 def _one_of(mesh: Path | None, cloud: Path | None, extrinsics: Path | None, surface: str, merge: bool) -> Path:

@@ -120,7 +120,22 @@ def open_sequence(
 
 
 def are_parts(paths: list[Path]) -> bool:
-    """Whether several paths are one sequence: two folders of images, two videos, or files of one bag."""
+    """Tell whether several paths are one sequence: two folders of images, two videos, or files of one bag.
+
+    Parameters
+    ----------
+    paths : list of path
+        What a user names.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> are_parts([Path("a_0.bag"), Path("a_1.bag")]), are_parts([Path("left.png"), Path("right.png")])
+    (True, False)
+    """
     if len(paths) < 2:
         return False
     is_pair = len(paths) == 2 and (all(path.is_dir() for path in paths) or all(map(is_video, paths)))
