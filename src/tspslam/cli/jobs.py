@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,6 +30,9 @@ from ._shared import (
     finish,
 )  # fmt: skip
 from ._sources import Given, open_source
+
+if TYPE_CHECKING:
+    from ..run.pipeline import Source
 
 
 @app.command("run")
