@@ -71,9 +71,10 @@ class LiveSequence:
     """Pairs of a stereo camera, or of two cameras, as they come.
 
     Every pair is recorded, without loss, before it is handed on: `recording` becomes a folder with ``left/``,
-    ``right/`` (PNG), ``times.txt`` (name and time, s, of each pair) and ``calib.yaml``, which `StereoFolder` reads. Where whoever asks for pairs is
-    slower than the camera, the oldest that wait are left out, and counted; the recording has them. Two cameras are
-    read one right after the other: only a common trigger makes their images those of one moment.
+    ``right/`` (PNG), ``times.txt`` (name and time, s, of each pair) and ``calib.yaml``, which `StereoFolder` reads.
+    Where whoever asks for pairs is slower than the camera, the oldest that wait are left out, and counted; the
+    recording has them. Two cameras are read one right after the other: only a common trigger makes their images those
+    of one moment.
 
     Parameters
     ----------
