@@ -71,9 +71,10 @@ class LiveSequence:
     """Pairs of a stereo camera, or of two cameras, as they come.
 
     Every pair is recorded, without loss, before it is handed on: `recording` becomes a folder with ``left/``,
-    ``right/`` (PNG), ``times.txt`` and ``calib.yaml``, which `StereoFolder` reads. Where whoever asks for pairs is
-    slower than the camera, the oldest that wait are left out, and counted; the recording has them. Two cameras are
-    read one right after the other: only a common trigger makes their images those of one moment.
+    ``right/`` (PNG), ``times.txt`` (name and time, s, of each pair) and ``calib.yaml``, which `StereoFolder` reads.
+    Where whoever asks for pairs is slower than the camera, the oldest that wait are left out, and counted; the
+    recording has them. Two cameras are read one right after the other: only a common trigger makes their images those
+    of one moment.
 
     Parameters
     ----------
@@ -303,12 +304,13 @@ class LiveSequence:
             return self._held.popleft()
 
     def _record(self, times: Any, stamp: float, images: tuple[Image, Image]) -> None:
-        for path, image in zip(self._files(self.recorded), images, strict=True):
+        files = self._files(self.recorded)
+        times.write(f"{files[0].name} {stamp:.9f}\n")  # before its images: where one is killed, no image lacks a time
+        times.flush()
+        for path, image in zip(files, images, strict=True):
             part = path.with_suffix(".part")
             part.write_bytes(_png(image))  # not synced to disk one by one, which takes longer than a frame does
             part.replace(path)
-        times.write(f"{stamp:.9f}\n")
-        times.flush()
         with self._changed:
             self._waiting.append(_Taken(self.recorded, round(stamp, 9), images))
             self.recorded += 1
@@ -425,8 +427,8 @@ def _sides(frames: list[Image], layout: str | None) -> tuple[Image, Image]:
     import cv2
 
     plain: list[Any] = [cv2.cvtColor(each, cv2.COLOR_BGR2RGB) if each.ndim == 3 else each for each in frames]
-    sides: list[Image] = [np.ascontiguousarray(each) for each in (halves(plain[0], layout) if layout else plain)]
-    return sides[0], sides[1]
+    left, right = halves(plain[0], layout) if layout else (plain[0], plain[1])
+    return left.copy(), right.copy()  # each in one piece
 
 
 def _png(image: Image) -> bytes:

@@ -11,6 +11,7 @@ ADVICE = {
     "adjustment": "Drive slower or with more overlap there; single cases are harmless, many make the path drift.",
     "bits": "If the pictures look too dark or too bright, say how many bits your camera writes: --bits 12, say.",
     "calibration": "Look at your calibration file with tspslam calib show: it prints where each value is from.",
+    "camera_lost": "Look at the cable, and at other programs that use the camera; the recording has all that it gave.",
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
@@ -24,6 +25,8 @@ ADVICE = {
         "(--set detector.count=4000), or --bits."
     ),
     "frame_skipped": "Look at these image files: they are missing, damaged, or of another size than the others.",
+    "frames_dropped": "Run the recording, which has all pairs; smaller images or fewer a second let tracking keep up.",
+    "frames_missed": "Record smaller images, fewer a second, or to a faster disk.",
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
         "Trust each part by itself, not where parts stand to one another; a slower pass over the gap joins them."
@@ -45,10 +48,13 @@ ADVICE = {
     "truth": "Check that the true poses belong to this sequence: as many lines as frames, or stamps of the same clock.",
     "unknown": "If your map uses another value for 'not known', name it with --unknown.",
     "unpaired": "Check that each left image has a right one; images without a partner are left out.",
+    "video_cut": "Copy the video again, if the original is whole; the frames that are there were taken.",
+    "video_turned": "Calibrate with frames of such a video: the calibration must be of the turned images.",
     "unseen_vertices": "Check the pose of the mesh in the camera's frame, if more is hidden than you expect.",
 }
 """What to do about each warning that a run can give, by its code."""
 REASONS = {
+    "camera_lost": "the camera gave no more images",
     "frame_skipped": "pairs could not be used",
     "tracking_lost": "tracking was lost",
     "no_complex": "frames have a pose, but no surface",
