@@ -167,3 +167,13 @@ def test_other_compressors_are_refused_by_name(tmp_path, name):
     (tmp_path / "a.vtu").write_text(text)
     with pytest.raises(InputError, match=f"compressed by {name}, where zlib and LZMA are read"):
         read_vtu(tmp_path / "a.vtu")
+
+
+def test_the_filter_says_how_many_faces_it_cut(tmp_path):
+    from tspslam.run.mesh import _triangles
+
+    (tmp_path / "a.ply").write_bytes(ply(faces=([0, 1, 2, 3], [0, 1, 2], [0, 5, 1, 2, 3])))
+    assert (len(_triangles(tmp_path / "a.ply")[1]), _triangles(tmp_path / "a.ply")[2]) == (6, 2)
+    (tmp_path / "b.ply").write_bytes(ply(faces=([0, 1, 2, 0],)))
+    with pytest.raises(InputError, match=r"b\.ply: .*has a vertex twice"):
+        _triangles(tmp_path / "b.ply")

@@ -207,7 +207,25 @@ def read_ply(path: PathLike) -> PlyMesh:
 
 
 def read_faces(path: PathLike) -> tuple[PlyMesh, Polygons]:
-    """Read a PLY file as `read_ply`, and its faces as they stand in it."""
+    """Read a PLY file as `read_ply`, and its faces as they stand in it.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    PlyMesh
+        As `read_ply`.
+    Polygons
+        Faces of three corners and more, winding kept.
+
+    Raises
+    ------
+    InputError
+        As `read_ply`.
+    """
     data = _plain_lines(unmarked(read_bytes(path, _EXPECTED)))
     try:
         header = parse_header(data)

@@ -233,7 +233,25 @@ def read_vtu(path: PathLike) -> VtuMesh:
 
 
 def read_grid(path: PathLike) -> tuple[VtuMesh, Polygons]:
-    """Read a VTK grid as `read_vtu`, and its faces as they stand in it."""
+    """Read a VTK grid as `read_vtu`, and its faces as they stand in it.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    VtuMesh
+        As `read_vtu`.
+    Polygons
+        Faces of three corners and more, winding kept.
+
+    Raises
+    ------
+    InputError
+        As `read_vtu`.
+    """
     data = read_bytes(path, _EXPECTED)
     try:
         root, appended = _parsed(data)

@@ -71,8 +71,12 @@ def evaluated(
         Farthest that two matched stamps are apart, s.
     stamps : path, optional
         Stamps of the lines of those files that have none, s.
-    deltas, align, offset
-        As `tspslam.evaluate_trajectory`.
+    deltas : sequence of str
+        Lengths over which motions are compared: ``"1f"``, ``"10m"``, ``"1s"``.
+    align : {"none", "origin", "se3", "sim3"}
+        How the path is laid on the truth.
+    offset : float or "auto"
+        Added to the path's stamps, s.
 
     Returns
     -------
@@ -212,65 +216,74 @@ def tabulate(errors: TrajectoryErrors, *, kitti: bool = False) -> list[str]:
     return lines
 
 
-Row = tuple[str, float | None, str, str]
-"""Name, value, unit and meaning of a number; shares are shown in per cent."""
+class _Row(NamedTuple):
+    """A number, its unit, and what it is; shares are shown in per cent."""
+
+    name: str
+    value: float | None
+    unit: str
+    meaning: str
 
 
-def _rows(errors: TrajectoryErrors, kitti: bool) -> Iterator[Row]:
+def _rows(errors: TrajectoryErrors, kitti: bool) -> Iterator[_Row]:
     yield from _of_positions(errors)
-    yield "rpe_translation_m_frame", errors.rpe_translation_m, "m", "error of the motion from one frame to the next"
-    yield "rpe_rotation_deg_frame", errors.rpe_rotation_deg, "degrees", "of its rotation; both root mean square"
+    yield _Row(
+        "rpe_translation_m_frame", errors.rpe_translation_m, "m", "error of the motion from one frame to the next"
+    )
+    yield _Row("rpe_rotation_deg_frame", errors.rpe_rotation_deg, "degrees", "of its rotation; both root mean square")
     yield from _of_length("10m", errors.per_distance[_TEN])
     for name, found in errors.per_delta.items():
-        yield f"rpe_translation_m_{name}", found.translation_m if found.pairs else None, "m", "root mean square"
+        yield _Row(f"rpe_translation_m_{name}", found.translation_m if found.pairs else None, "m", "root mean square")
         if name != "10m":
             yield from _of_length(name, found)
-        yield f"rpe_pairs_{name}", found.pairs, "pairs", f"of poses that are {name[:-1]} {_UNITS[name[-1]]} apart"
+        yield _Row(f"rpe_pairs_{name}", found.pairs, "pairs", f"of poses that are {name[:-1]} {_UNITS[name[-1]]} apart")
     if kitti:
         yield from _of_kitti(errors)
     if errors.offset_s or errors.offset_sigma_s:
-        yield "offset_s", errors.offset_s, "s", "added to the path's stamps"
-        yield "offset_sigma_s", errors.offset_sigma_s, "s", "its standard deviation; 0 where it was given"
-    yield "rpe_pairs", errors.rpe_pairs, "pairs", "of poses, which the errors from frame to frame are from"
-    yield "rpe_frames", errors.rpe_frames, "frames", "from one pose of such a pair to the other"
+        yield _Row("offset_s", errors.offset_s, "s", "added to the path's stamps")
+        yield _Row("offset_sigma_s", errors.offset_sigma_s, "s", "its standard deviation; 0 where it was given")
+    yield _Row("rpe_pairs", errors.rpe_pairs, "pairs", "of poses, which the errors from frame to frame are from")
+    yield _Row("rpe_frames", errors.rpe_frames, "frames", "from one pose of such a pair to the other")
     yield from _of_overlap(errors)
 
 
-def _of_positions(errors: TrajectoryErrors) -> Iterator[Row]:
+def _of_positions(errors: TrajectoryErrors) -> Iterator[_Row]:
     ate = errors.ate_m
-    yield "ate_rmse_m", errors.ate_rmse_m, "m", f"error of positions {_LAID[errors.align]}, root mean square"
-    yield "ate_mean_m", float(ate.mean()), "m", "its mean"
-    yield "ate_median_m", float(np.median(ate)), "m", "its median"
-    yield "ate_max_m", float(ate.max()), "m", "its largest"
-    yield "ate_sim3_rmse_m", errors.ate_sim3_rmse_m, "m", "root mean square after the best motion and scale"
-    yield "scale", errors.scale, "", "that scale; below 1 where the path is too large"
+    yield _Row("ate_rmse_m", errors.ate_rmse_m, "m", f"error of positions {_LAID[errors.align]}, root mean square")
+    yield _Row("ate_mean_m", float(ate.mean()), "m", "its mean")
+    yield _Row("ate_median_m", float(np.median(ate)), "m", "its median")
+    yield _Row("ate_max_m", float(ate.max()), "m", "its largest")
+    yield _Row("ate_sim3_rmse_m", errors.ate_sim3_rmse_m, "m", "root mean square after the best motion and scale")
+    yield _Row("scale", errors.scale, "", "that scale; below 1 where the path is too large")
 
 
-def _of_length(name: str, found: DistanceErrors) -> Iterator[Row]:
+def _of_length(name: str, found: DistanceErrors) -> Iterator[_Row]:
     value = (found.translation_percent, found.rotation_deg) if found.pairs else (None, None)
     said = f"error of the motion over {name[:-1]} {_UNITS[name[-1]]}"
-    yield f"rpe_translation_percent_{name}", value[0], "%", said
-    yield f"rpe_rotation_deg_{name}", value[1], "degrees", "of its rotation"
+    yield _Row(f"rpe_translation_percent_{name}", value[0], "%", said)
+    yield _Row(f"rpe_rotation_deg_{name}", value[1], "degrees", "of its rotation")
 
 
-def _of_kitti(errors: TrajectoryErrors) -> Iterator[Row]:
+def _of_kitti(errors: TrajectoryErrors) -> Iterator[_Row]:
     table = errors.kitti
     lengths = list(table.per_length)
     said = f"of sections of {', '.join(f'{length:g}' for length in lengths)} m, mean"
     if not lengths:
         said = f"no section of 100 m or more: the true path is {table.travelled_m:.4g} m long"
-    yield "kitti_translation_percent", table.translation_percent if lengths else None, "%", said
-    yield "kitti_rotation_deg_100m", table.rotation_deg_100m if lengths else None, "degrees", "of rotations, in 100 m"
+    yield _Row("kitti_translation_percent", table.translation_percent if lengths else None, "%", said)
+    yield _Row(
+        "kitti_rotation_deg_100m", table.rotation_deg_100m if lengths else None, "degrees", "of rotations, in 100 m"
+    )
 
 
-def _of_overlap(errors: TrajectoryErrors) -> Iterator[Row]:
-    yield "matched", errors.matched, "poses", "of the path, which have a true one"
-    yield "total", errors.total, "poses", "of the path in all"
-    yield "truth_total", errors.truth_total, "poses", "of the true path in all"
-    yield "unknown", errors.unknown, "poses", "of the path that are NaN, left out"
-    yield "truth_unknown", errors.truth_unknown, "poses", "of the true path that are NaN, left out"
-    yield "covered", errors.covered, "%", "of the path's time from the first match to the last"
-    yield "truth_covered", errors.truth_covered, "%", "of the true path's time from the first match to the last"
+def _of_overlap(errors: TrajectoryErrors) -> Iterator[_Row]:
+    yield _Row("matched", errors.matched, "poses", "of the path, which have a true one")
+    yield _Row("total", errors.total, "poses", "of the path in all")
+    yield _Row("truth_total", errors.truth_total, "poses", "of the true path in all")
+    yield _Row("unknown", errors.unknown, "poses", "of the path that are NaN, left out")
+    yield _Row("truth_unknown", errors.truth_unknown, "poses", "of the true path that are NaN, left out")
+    yield _Row("covered", errors.covered, "%", "of the path's time from the first match to the last")
+    yield _Row("truth_covered", errors.truth_covered, "%", "of the true path's time from the first match to the last")
 
 
 def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:

@@ -13,19 +13,10 @@ from ..._brief import Brief
 from ...errors import InputError
 from ...types import FloatArray, Trajectory, real_array
 from ..se3 import alignment, inverse
-from .matching import Known, Overlap, checked_path, match_stamps
+from ._matching import Known, Overlap, checked_path, match_stamps
+from ._motions import Motions, errors_over, kitti_errors, relative_errors, rms
 from .offset import Offset, find_offset
-from .relative import (
-    Delta,
-    DistanceErrors,
-    KittiErrors,
-    Motions,
-    errors_over,
-    kitti_errors,
-    parse_delta,
-    relative_errors,
-    rms,
-)
+from .relative import Delta, DistanceErrors, KittiErrors, parse_delta
 
 Align = Literal["none", "origin", "se3", "sim3"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...types import FloatArray, Trajectory
 from ..se3 import rotation_angle
-from .matching import Known, checked_path
+from ._matching import Known, checked_path
 
 _FEWEST = 20  # steps that overlap: fewer make no shape
 # Between poses noise is smoothed, at some offsets more than at others if steps go with the poses: so they do not.
