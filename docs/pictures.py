@@ -11,13 +11,14 @@ from scipy.spatial import Delaunay
 import tspslam
 from tspslam.topology.mahf import tangent_axes
 
-NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png", "worlds.png", "lenses.png")
+NAMES = ("hodge.png", "filters.png", "logmap.png", "cells.png", "worlds.png", "lenses.png", "lidar.png")
 
 
 def draw(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     frame = tspslam.Session(tspslam.datasets.motorcycle().rig).process(tspslam.datasets.motorcycle())
-    for name, figure in zip(NAMES, (hodge(), filters(frame), logmap(), cells(frame), worlds(), lenses()), strict=True):
+    figures = (hodge(), filters(frame), logmap(), cells(frame), worlds(), lenses(), lidar())
+    for name, figure in zip(NAMES, figures, strict=True):
         figure.savefig(folder / name, dpi=110, bbox_inches="tight")
         plt.close(figure)
 
@@ -186,4 +187,29 @@ def lenses() -> plt.Figure:
         made = tspslam.rectification(tspslam.RawRig(lens, lens, T_right_left, degrees))
         ax.imshow(made(*images)[0], cmap="gray", vmin=0, vmax=255)
         ax.set(title=f"rectified to {degrees}°", xticks=[], yticks=[])
+    return figure
+
+
+def lidar() -> plt.Figure:
+    """A scan of a street: its range image all around, and its faces in a photo with their luminance."""
+    synthetic = tspslam.datasets.synthetic
+    scene, axes_of_scanner = synthetic.street(60.0), synthetic.scanner.AXES
+    rig = tspslam.Rig(fx=707.09, fy=707.09, cx=601.9, cy=183.1, baseline=0.537, width=1226, height=370)
+    echoes = synthetic.scan(scene, scene.path[5] @ axes_of_scanner, synthetic.Scanner(columns=900, noise=0.02))
+    photo = synthetic.SyntheticSequence(scene, rig)[5].left
+    points = echoes.xyz @ axes_of_scanner[:3, :3].T
+    frame = tspslam.interop.meshes.from_arrays(points, tspslam.scan_surface(echoes.xyz).faces, photo, rig)
+    figure, (above, below) = plt.subplots(2, 1, figsize=(13, 6), layout="constrained", height_ratios=(1, 2))
+    distance = np.linalg.norm(echoes.xyz, axis=1)
+    azimuth = np.degrees(np.arctan2(echoes.xyz[:, 1], echoes.xyz[:, 0]))
+    elevation = np.degrees(np.arcsin(echoes.xyz[:, 2] / distance))
+    dots = above.scatter(azimuth, elevation, c=distance, s=0.6, norm=LogNorm(2, 100), cmap="viridis")
+    above.set(xlim=(180, -180), xlabel="azimuth, °", ylabel="elevation, °", title="the scan, all around")
+    figure.colorbar(dots, ax=above, label="range, m")
+    ok = frame.signals.face_ok
+    corners = frame.cloud.uv[frame.complex_.faces[ok]]
+    below.imshow(photo, cmap="gray", alpha=0.35, vmin=0, vmax=255)
+    below.add_collection(PolyCollection(corners, array=frame.signals.face[ok], cmap="viridis", edgecolors="none"))
+    below.set(xlim=(0, rig.width), ylim=(rig.height, 0), xticks=[], yticks=[])
+    below.set(title=f"luminance of the {int(ok.sum())} faces that the camera sees, of {len(ok)}")
     return figure

@@ -125,7 +125,7 @@ def scan_surface(xyz: ArrayLike, ring: ArrayLike | None = None) -> RangeSurface:
 
     Examples
     --------
-    >>> wall = np.array([[5.0, y, z] for z in (-1, 0, 1, 2) for y in np.linspace(-2, 2, 21)])
+    >>> wall = np.array([[20.0, y, z] for z in (-1, 0, 1, 2) for y in np.linspace(-2, 2, 21)])
     >>> surface = scan_surface(wall, ring=np.repeat([0, 1, 2, 3], 21))
     >>> surface.rings, len(surface.faces)
     (4, 120)

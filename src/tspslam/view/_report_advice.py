@@ -38,7 +38,7 @@ ADVICE = {
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
     "scan_dropped": "Nothing is to be done for beams that met nothing; else look at what wrote the scan.",
-    "scan_outside": "Check --extrinsics: T_camera_scan takes a point of the scanner to the camera's frame, in metres.",
+    "scan_outside": "Check --extrinsics: T_camera_scan takes points of the scanner to the camera's frame, m.",
     "surface": "Nothing is to be done for a few frames; else choose the plain surface: --set surface.kind=delaunay.",
     "thin_map": "Let the camera see places more than once, from nearby: a slower pass, or more frames a second.",
     "tracking_lost": (
