@@ -146,9 +146,7 @@ class DepthReader:
             said = f"{100 * found['flying_share']:.0f} % of the depths belong to no surface: is the sensor another one?"
             yield {"code": "depth_flying", "message": said}
         if found["scatter"] > _WIDE:
-            said = (
-                f"neighbouring depths scatter {found['scatter']:.1f} times as the sensor should: is it another?"
-            )
+            said = f"neighbouring depths scatter {found['scatter']:.1f} times as the sensor should: is it another?"
             yield {"code": "depth_sensor", "message": said}
 
     def read(self, index: int, stamp: float) -> StereoPair:
