@@ -127,8 +127,9 @@ def test_commands_on_the_pages_are_those_of_the_program():
 
 def warning_codes():
     """Codes of warnings that the source can give."""
-    folder = Path(tspslam.__file__).parent / "run"
-    text = "\n".join(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py")))
+    folder = Path(tspslam.__file__).parent
+    files = sorted(path for room in ("run", "datasets") for path in (folder / room).glob("*.py"))
+    text = "\n".join(path.read_text(encoding="utf-8") for path in files)
     return set(re.findall(r'"code": "(\w+)"', text)) | set(re.findall(r'^ +yield "(\w+)", ', text, re.MULTILINE))
 
 

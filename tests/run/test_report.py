@@ -179,7 +179,7 @@ def test_too_short_a_path_is_not_compared_and_that_is_no_news(tmp_path, drive):
 
 def test_every_warning_that_a_run_gives_has_advice():
     codes = set()
-    for file in (Path(tspslam.__file__).parent / "run").glob("*.py"):
+    for file in (file for room in ("run", "datasets") for file in (Path(tspslam.__file__).parent / room).glob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Dict):
                 pairs = zip(node.keys, node.values, strict=True)
