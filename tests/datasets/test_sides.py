@@ -170,7 +170,7 @@ def test_layouts_with_their_own_times_stay_what_they_are(tmp_path: Path, kind: t
     for _ in range(2):
         assert type(open_sequence(folder)) is kind
         standard.write_images(folder, ["left1.png", "right1.png"])  # beside it
-    with pytest.raises(InputError, match="has times of its own; expected no frames a second"):
+    with pytest.raises(InputError, match="has times of its own, expected no frames a second"):
         open_sequence(folder, fps=20)
 
 

@@ -232,7 +232,9 @@ def test_open_sequence_opens_a_video(tmp_path, sides):
         open_sequence(path, layout="side-by-side")
     with pytest.raises(InputError, match="is no bag"):
         open_sequence(path, layout="side-by-side", topics=("a", "b"))
-    with pytest.raises(InputError, match="is no video, expected one with layout='alternate'"):
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+    with pytest.raises(InputError, match="is no video, expected one with both images in it, alternate"):
         open_sequence(tmp_path, layout="alternate")
 
 

@@ -1,92 +1,26 @@
-"""Images of two cameras without a calibration, from wherever they are: folders, a video, a bag."""
+"""Images of two cameras as they are stored, without a calibration: what the cameras are calibrated by."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
-from ..io.images import read_image
-from ..types import FloatArray, Image
+from ._folder_images import FolderImages
 from ._kinds import SUFFIXES, listed, no_source
-from ._pairing import images_in, name_of, natural, path_of
+from ._pairing import path_of
 from ._reader import StoredImages
 from ._ros import is_bag
+from ._sides import find_sides
 
-_FOLDERS = (
-    ("left", "right"), ("images/left", "images/right"), ("cam0", "cam1"), ("mav0/cam0/data", "mav0/cam1/data"),
-    ("cam0/data", "cam1/data"), ("image_0", "image_1"), ("image_00/data", "image_01/data"), ("image_00", "image_01"),
-    ("image_2", "image_3"), ("image_02/data", "image_03/data"), ("image_02", "image_03"), ("l", "r"), ("L", "R"),
+_DEEPER = (
+    ("images/left", "images/right"), ("mav0/cam0/data", "mav0/cam1/data"), ("cam0/data", "cam1/data"),
+    ("image_0", "image_1"), ("image_2", "image_3"), ("image_00", "image_01"), ("image_02", "image_03"),
+    ("image_00/data", "image_01/data"), ("image_02/data", "image_03/data"),
 )  # fmt: skip
-_SIDES = (("left", "right"), ("cam0", "cam1"), ("l", "r"))
 _KNOWN = "two folders, one with left/ and right/ in it, one whose names tell left from right, a video or a bag"
-
-
-class ImageFolders:
-    """Left and right images of two folders, or of one whose names tell which are which.
-
-    Images of one name are a pair; where no name is on both sides, those of one name but for the words left and right,
-    and failing that those of one number, as ``left01.jpg`` and ``right01.jpg``.
-
-    Parameters
-    ----------
-    left, right : sequence of Path
-        Image files of each side.
-    name : str
-        What to call them.
-
-    Attributes
-    ----------
-    name : str
-        As given.
-    names : list of str
-        What to call each pair: the left file's stem.
-    stamps : (n,) float64
-        Places from 0: files have no times.
-    unpaired : list of str
-        Files without a partner.
-
-    Raises
-    ------
-    InputError
-        If no pair is found.
-
-    Examples
-    --------
-    >>> ImageFolders([Path("left01.jpg"), Path("left02.jpg")], [Path("right02.jpg")], "views").names
-    ['left02']
-    """
-
-    def __init__(self, left: Sequence[Path], right: Sequence[Path], name: str) -> None:
-        self._files, lone = _paired(left, right)
-        if not self._files:
-            said = f"has {len(left)} left and {len(right)} right images, but none of one name or number"
-            raise bad_input(name, said, "pairs such as left/01.png and right/01.png")
-        self.name, self.names = one_line(name), [one_line(one.stem) for one, _ in self._files]
-        self.stamps: FloatArray = np.arange(len(self._files), dtype=np.float64)
-        self.unpaired = [one_line(f"{file.parent.name}/{file.name}") for file in lone]
-
-    def __len__(self) -> int:
-        return len(self._files)
-
-    def images(self, index: int) -> Iterator[Image]:
-        """Read the left and the right image of a pair.
-
-        Parameters
-        ----------
-        index : int
-            From 0.
-
-        Yields
-        ------
-        (H, W) or (H, W, 3) uint8 or uint16
-            As `tspslam.io.read_image` reads it.
-        """
-        return map(read_image, self._files[index])
 
 
 def open_views(
@@ -98,7 +32,7 @@ def open_views(
     ----------
     paths : sequence of 1 or 2 str or path
         Two folders of images, left and right; a folder with both in folders of their own, or with names that tell which
-        are which; a video with both, or one of each; a bag of ROS.
+        are which, as `tspslam.datasets.StereoFolder` knows them; a video with both, or one of each; a bag of ROS.
     layout : str, optional
         Of a video with both: ``"side-by-side"``, ``"over-under"`` or ``"alternate"``.
     topics : tuple of 2 str, optional
@@ -137,53 +71,18 @@ def open_views(
         return VideoImages(places if len(places) == 2 else places[0], layout)
     if layout is not None:
         raise InputError(one_line(f"{places[0]}: is no video, expected one of layout {layout}"))
-    return _of_two(*places) if len(places) == 2 else _of_one(places[0])
-
-
-def _of_two(left: Path, right: Path) -> ImageFolders:
-    for place in (left, right):
+    for place in places:
         if not place.is_dir():
             raise no_source(place) or bad_input(place, "is no folder", _KNOWN)
-    sides = [list(images_in(place).values()) for place in (left, right)]
-    return ImageFolders(sides[0], sides[1], f"{name_of(left)} and {name_of(right)}")
+    folders: Any = places if len(places) == 2 else _sides_in(places[0])
+    return FolderImages(folders)
 
 
-def _of_one(folder: Path) -> ImageFolders:
-    if not folder.is_dir():
-        raise no_source(folder) or bad_input(folder, "is no folder", _KNOWN)
-    for left, right in _FOLDERS:
+def _sides_in(folder: Path) -> Path | list[Path]:
+    """The folder, or two folders in it: those of known layouts whose images lie deeper."""
+    if find_sides(folder) is not None:
+        return folder
+    for left, right in _DEEPER:
         if (folder / left).is_dir() and (folder / right).is_dir():
-            sides = [list(images_in(folder / side).values()) for side in (left, right)]
-            return ImageFolders(sides[0], sides[1], name_of(folder))
-    files = list(images_in(folder).values())
-    for words in _SIDES:
-        one, other = ([file for file in files if _without(file.stem, word) is not None] for word in words)
-        if one and other:
-            return ImageFolders(one, other, name_of(folder))
+            return [folder / left, folder / right]
     raise bad_input(folder, f"does not tell left from right (it holds {listed(folder)})", _KNOWN)
-
-
-def _without(stem: str, word: str) -> str | None:
-    """A name without the word for its side, which stands between what is no letter; None if it has none."""
-    rest, count = re.subn(rf"(?<![a-z]){word}(?![a-z])", "", stem.lower())
-    return rest if count == 1 else None
-
-
-def _keys(file: Path) -> tuple[str, str, str]:
-    """Name of a file, name without its side, and last number in it."""
-    stem = file.stem
-    rest = next((found for pair in _SIDES for word in pair if (found := _without(stem, word)) is not None), stem)
-    numbers = re.findall(r"[0-9]+", rest)
-    return stem, rest, numbers[-1].lstrip("0") or "0" if numbers else stem
-
-
-def _paired(left: Sequence[Path], right: Sequence[Path]) -> tuple[list[tuple[Path, Path]], list[Path]]:
-    """Pairs in natural order, by the first kind of key that some files of both sides share; and files in none."""
-    pairs: list[tuple[Path, Path]] = []
-    for kind in range(3):
-        one, other = ({_keys(file)[kind]: file for file in side} for side in (left, right))
-        is_unique = len(one) == len(left) and len(other) == len(right)
-        if is_unique and (pairs := [(one[key], other[key]) for key in sorted(one.keys() & other.keys(), key=natural)]):
-            break
-    taken = {file for pair in pairs for file in pair}
-    return pairs, [file for side in (left, right) for file in side if file not in taken]

@@ -14,7 +14,7 @@ from ..._yaml import LARGEST_FILE, parse_yaml
 from ...types import FloatArray
 from .formats._source import Source
 from .formats._values import check_rotation, motion, rotation
-from .formats.kitti import parse_kitti
+from .formats.readers.kitti import parse_kitti
 
 KEY = "T_camera_scan"
 _EXPECTED = (
