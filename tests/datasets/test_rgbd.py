@@ -338,7 +338,7 @@ def test_a_sensor_that_scatters_more_than_is_said_is_told(small: Path) -> None:
 
 def test_unit_and_sensor_are_for_depths_alone(tmp_path: Path) -> None:
     (tmp_path / "mav0" / "cam0").mkdir(parents=True)
-    with pytest.raises(InputError, match="has no depths, expected a folder of RGB-D with unit=0.001"):
+    with pytest.raises(InputError, match=r"has no depths, expected a folder of RGB-D with unit=0\.001"):
         open_sequence(tmp_path, unit=0.001)
 
 

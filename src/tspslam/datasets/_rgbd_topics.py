@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .._files import bad_input, one_line
-from ..errors import InputError
-from ..types import Camera
+from .._files import bad_input
 from ._bags import Bag
 from ._encodings import COMPRESSED
-from ._ros import CAMERA_INFO, IMAGE, Info, partners
+from ._ros import CAMERA_INFO, IMAGE, partners
 
 ALIGNED = (
     "aligned",
@@ -18,27 +16,6 @@ ALIGNED = (
     "depth_to_rgb",
 )  # in names of topics whose depths are of the colour camera's pixels
 _COLOUR = ("color", "rgb")
-_LENSES = {"plumb_bob": "brown", "": "brown", "rational_polynomial": "rational", "equidistant": "equidistant"}
-_COUNTS = {"brown": 5, "rational": 8, "equidistant": 4}
-
-
-def camera_of(path: Path, info: Info) -> Camera:
-    """Return the camera of a camera info."""
-    message, K = info.message, info.field("K")
-    lens = _LENSES.get(str(message.distortion_model))
-    if lens is None:
-        said = f"{info.topic}: distortion_model is {str(message.distortion_model)[:40]!r}"
-        raise bad_input(path, said, f"one of {', '.join(name for name in _LENSES if name)}")
-    given = info.field("D")
-    count = _COUNTS[lens]
-    if any(given[count:]) or len(K) != 9:
-        raise bad_input(path, f"{info.topic}: D has {len(given)} numbers, K {len(K)}", f"{count} and 9")
-    D = tuple(float(value) for value in (*given, *[0.0] * count)[:count])
-    try:
-        size = int(message.width), int(message.height)
-        return Camera(K[0], K[4], K[2], K[5], *size, distortion=D, skew=K[1], lens=lens)
-    except InputError as error:
-        raise InputError(one_line(f"{path}: {info.topic}: {error}")) from error
 
 
 def has_depth(kinds: Mapping[str, str]) -> bool:
@@ -46,7 +23,7 @@ def has_depth(kinds: Mapping[str, str]) -> bool:
     return bool(_of_depth(kinds)) and bool(_of_colour(kinds))
 
 
-def is_rgbd_bag(path: Path, topics: tuple[str, str] | None) -> bool:
+def is_rgbd_bag(path: Path | Sequence[Path], topics: tuple[str, str] | None) -> bool:
     """Whether a bag is to be read as colour and depth: topics say so, or none of its images are left and right."""
     if topics is not None:
         return "depth" in topics[1].lower()

@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .._files import bad_input, one_line
 from ..errors import InputError
-from ..types import RawRig, Rig
-from ..vision.calibration.formats._camera_info import Keys, from_camera_infos
+from ..types import Camera, RawRig, Rig
+from ..vision.calibration.formats._camera_info import Keys, from_camera_info, from_camera_infos
 from ..vision.calibration.formats._source import Source
 from ._encodings import COMPRESSED
 
@@ -62,6 +62,11 @@ class Info:
         plain: dict[str, Any] = {"width": int(self.message.width), "height": int(self.message.height)}
         plain["distortion_model"] = str(self.message.distortion_model)
         return {f"{self.topic}.{name}": plain[name] if name in plain else self.field(name) for name in _FIELDS}
+
+    @property
+    def keys(self) -> Keys:
+        """Where these fields are among `values`."""
+        return Keys(*(f"{self.topic}.{name}" for name in _FIELDS))
 
 
 def is_rectified(topic: str) -> bool:
@@ -138,10 +143,22 @@ def cameras(path: Path, left: Info, right: Info, rectified: bool) -> Rig | RawRi
     Raw images whose cameras have no distortion, no rotation and K as in P are rectified ones.
     """
     values = {key: value for info in (left, right) for key, value in info.values().items()}
-    one, other = (Keys(*(f"{info.topic}.{name}" for name in _FIELDS)) for info in (left, right))
-    try:
+    with _naming(path):
         source = Source(path, values)
-        return from_camera_infos(source, one, other, kind="CameraInfo", is_rectified=rectified).cameras
+        return from_camera_infos(source, left.keys, right.keys, kind="CameraInfo", is_rectified=rectified).cameras
+
+
+def camera_of(path: Path, info: Info) -> Camera:
+    """Return the camera of a CameraInfo message, as images that are not rectified have it."""
+    with _naming(path):
+        return from_camera_info(Source(path, info.values()), info.keys)
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Put the file before what is wrong with its values."""
+    try:
+        yield
     except InputError as error:
         raise named(path, error) from error
 

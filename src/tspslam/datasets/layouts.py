@@ -103,8 +103,8 @@ def open_sequence(
             return _open_video(source, calib, layout, fps, bits)
         case "bag":
             one, other = topics or (None, None)
-            if not several and (sensor is not None or is_rgbd_bag(folder, topics)):
-                return RgbdBag(folder, colour=one, depth=other, calib=calib, sensor=sensor, bits=bits)
+            if sensor is not None or is_rgbd_bag(source, topics):
+                return RgbdBag(source, colour=one, depth=other, calib=calib, sensor=sensor, bits=bits)
             return RosbagSequence(source, left=one, right=other, calib=calib, bits=bits)
         case "plain":
             return StereoFolder(source, calib, bits=bits, fps=fps)

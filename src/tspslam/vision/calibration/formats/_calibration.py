@@ -61,7 +61,7 @@ def raw(
     _check_sizes(source, *sides)
     _check_side_by_side(source, T_right_left, origin_of_pose)
     try:
-        left, right = (_camera(found) for found in sides)
+        left, right = (camera_of(found) for found in sides)
         cameras = RawRig(left, right, tuple((a, b, c, d) for a, b, c, d in T_right_left.tolist()))
     except InputError as error:
         raise source.error(str(error)) from error
@@ -70,7 +70,7 @@ def raw(
     return Calibration(cameras, kind, origin | {"T_right_left": origin_of_pose}, remarks)
 
 
-def _camera(found: Found) -> Camera:
+def camera_of(found: Found) -> Camera:
     """The camera of its values; `lens` among them names the model where it is not Brown's."""
     values: dict[str, Any] = {name: value for name, (value, _) in found.items()}
     lens = values.pop("lens", "brown")

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._calibration import Calibration, Remarks, raw, rectified
+from ....types import Camera
+from ._calibration import Calibration, Remarks, camera_of, raw, rectified
 from ._source import Source
 from ._values import (
     OPENCV_COUNTS,
@@ -56,6 +57,12 @@ def from_camera_infos(
     R_left, R_right = (rotation(source, keys.R) for keys in (left, right))
     pose = beside(R_left, R_right, found["baseline"][0]), f"{left.R}, {right.R}, {right.P}"
     return raw(source, (lens(source, left), lens(source, right)), pose, kind, remarks)
+
+
+def from_camera_info(source: Source, keys: Keys) -> Camera:
+    """Return the camera that took images as they are, by K and D."""
+    check_model(source, keys)
+    return camera_of(lens(source, keys))
 
 
 def check_model(source: Source, keys: Keys) -> None:
