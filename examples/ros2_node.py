@@ -34,7 +34,10 @@ def vector(make, xyz, kind="Vector3"):
 def odometry(make, header, frame, before=None):
     """Pose of camera_link in odom, and its velocity since the frame before in its own axes."""
     T, last = link_poses(np.stack([frame.T_world_camera, (before or frame).T_world_camera]))
-    rate, back = 1 / (frame.stamp - before.stamp) if before else 0.0, np.linalg.inv(T) @ last
+    rate, back = (
+        1 / (frame.stamp - before.stamp) if before and before.stamp < frame.stamp else 0.0,
+        np.linalg.inv(T) @ last,
+    )
     turning = -rate * Rotation.from_matrix(back[:3, :3]).as_rotvec()
     turn = make(GEOMETRY + "Quaternion", **dict(zip("xyzw", Rotation.from_matrix(T[:3, :3]).as_quat(), strict=True)))
     pose = make(GEOMETRY + "Pose", position=vector(make, T[:3, 3], "Point"), orientation=turn)
@@ -80,6 +83,7 @@ def main():
     from cv_bridge import CvBridge
     from message_filters import ApproximateTimeSynchronizer, Subscriber
     from rclpy import create_node, init, spin
+    from rclpy.qos import qos_profile_sensor_data
 
     init()
     node, state = create_node("tspslam"), {"session": None, "before": None, "count": 0}
@@ -91,14 +95,20 @@ def main():
         pair = tspslam.StereoPair(*images, session.rig, time.sec + 1e-9 * time.nanosec, state["count"])
         frame = session.process(pair)
         header = make("std_msgs/msg/Header", stamp=time, frame_id=WORLD)
-        if not frame.is_lost:
+        if frame.is_lost:
+            node.get_logger().warning(f"lost at frame {frame.index}")
+        else:
             out["odometry"].publish(odometry(make, header, frame, state["before"]))
         for name, build in (("cloud", cloud), ("mesh", mesh)) if frame.is_keyframe else ():
             out[name].publish(build(make, header, frame))
         state.update(session=session, before=None if frame.is_lost else frame, count=frame.index + 1)
 
-    heard = [Subscriber(node, type(make(SENSOR + kind)), name, qos_profile=1) for name, kind in IN.items()]
+    heard = [
+        Subscriber(node, type(make(SENSOR + kind)), name, qos_profile=qos_profile_sensor_data)
+        for name, kind in IN.items()
+    ]
     ApproximateTimeSynchronizer(heard, 2, slop=0.005).registerCallback(on_pair)
+    node.get_logger().info(f"waiting for {', '.join(IN)}; kernels are compiled once, which takes a minute")
     spin(node)
 
 

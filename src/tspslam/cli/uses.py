@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..printing import note, say
-from ._shared import BitsOption, ForceOption, JsonOption, app, check_suffix
+from ._shared import DEGRADED, BitsOption, ForceOption, JsonOption, app, check_suffix
 
 if TYPE_CHECKING:
     from ..run.given import Given
@@ -166,13 +166,16 @@ def scans_command(
     inputs = [run, *scans, extrinsics, *([stamps] if stamps else [])]
     check_place(target, MAPS[kind], inputs, is_forced=force)
     found = map_scans(run, scans, extrinsics, stamps=stamps, voxel=voxel)
-    note(*(f"warning: {each}: the run has no pose for it" for each in found.unplaced))
+    lacking = "the run has no pose for it, of its frame or within 0.1 s on both sides of its time"
+    note(*(f"warning: {each}: {lacking}" for each in found.unplaced))
     write_shown(found.map_, target, _kind(target), inputs, is_forced=force)
     map_, seen = found.map_, int(found.map_.signals.vertex_ok.sum())
     counts = {"scans": len(scans) - len(found.unplaced), "points": found.points, "vertices": len(map_)}
     counts |= {"edges": len(map_.complex_.edges), "faces": len(map_.complex_.faces), "seen": seen}
     words = ", ".join(f"{count} {name}" for name, count in counts.items())
     _tell(counts, words, target, None, None, as_json)
+    if found.unplaced:
+        raise typer.Exit(DEGRADED)
 
 
 def _open(

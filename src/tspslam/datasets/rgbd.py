@@ -7,13 +7,42 @@ from functools import cached_property
 from .._checks import require
 from .._files import PathLike
 from ..io.images import read_image
-from ..types import FloatArray
+from ..types import FloatArray, Trajectory
 from ..vision.depth.sensor import SENSORS, DepthSensor
 from ._depth_reader import DepthReader
 from ._depth_recording import DepthRecording
 from ._pairing import path_of, size_of_first
 from ._rgbd_layouts import find_files
 from .maps import read_map
+
+
+def read_truth(path: PathLike) -> Trajectory | None:
+    """Read the true path of a folder of colour images and depths, which takes no calibration.
+
+    Parameters
+    ----------
+    path : str or path
+        As `RgbdSequence` takes it.
+
+    Returns
+    -------
+    Trajectory or None
+        Of the colour camera at the stamps of its images, NaN where it is not known; None if the folder has none.
+
+    Raises
+    ------
+    InputError
+        As `RgbdSequence`.
+
+    Examples
+    --------
+    >>> read_truth("no-such-folder")
+    Traceback (most recent call last):
+    tspslam.errors.InputError: no-such-folder: is no folder of colour images and depths; expected rgb.txt and ...
+    """
+    files = find_files(path_of(path), None)
+    truth = files.truth()
+    return None if truth is None else Trajectory(files.stamps, truth)
 
 
 class RgbdSequence(DepthRecording):

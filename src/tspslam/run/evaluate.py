@@ -12,6 +12,8 @@ import numpy as np
 from .._checks import real_array, require_path
 from .._files import PathLike
 from ..datasets import open_sequence
+from ..datasets._rgbd_layouts import is_rgbd
+from ..datasets.rgbd import read_truth
 from ..errors import GeometryError, InputError
 from ..io import RunFolder, read_trajectory
 from ..io.trajectory import has_stamps
@@ -261,7 +263,7 @@ def _of_length(name: str, found: DistanceErrors) -> Iterator[_Row]:
     value = (found.translation_percent, found.rotation_deg) if found.pairs else (None, None)
     said = f"error of the motion over {name[:-1]} {_UNITS[name[-1]]}"
     yield _Row(f"rpe_translation_percent_{name}", value[0], "%", said)
-    yield _Row(f"rpe_rotation_deg_{name}", value[1], "degrees", "of its rotation")
+    yield _Row(f"rpe_rotation_deg_{name}", value[1], "degrees", "of its rotation, root mean square")
 
 
 def _of_kitti(errors: TrajectoryErrors) -> Iterator[_Row]:
@@ -318,7 +320,7 @@ def _truth(place: Path, stamps: PathLike | None) -> Trajectory:
 
 
 def _of_sequence(folder: Path) -> Trajectory:
-    truth = _true_path(open_sequence(folder))
+    truth = read_truth(folder) if is_rgbd(folder) else _true_path(open_sequence(folder))
     if truth is None:
         wanted = "a sequence with them (KITTI, EuRoC, UTIAS), or a file of them, such as poses.txt"
         raise InputError(f"{folder}: has no true poses, expected {wanted}")

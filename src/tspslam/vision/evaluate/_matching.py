@@ -119,4 +119,4 @@ def checked_path(trajectory: Trajectory, what: str) -> Known:
 
 
 def _span(stamps: FloatArray) -> str:
-    return f"{stamps[0]:.9g} to {stamps[-1]:.9g} s"
+    return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
