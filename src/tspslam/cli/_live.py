@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from .._files import bad_input
 from ..printing import note
 from ._shared import check_folder
 
@@ -34,6 +35,8 @@ def open_cameras(
     target = out or Path("runs") / f"camera-{'-'.join(Path(each).name for each in cameras)}"
     recording = target.with_name(f"{target.name}-recording")
     check_folder(target, calib)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise bad_input(target, "is there already", "a new folder for the run of a camera")
     source = LiveSequence(cameras, layout, calib=calib, recording=recording)
     note(f"recording into {recording}; ctrl-C ends it")
     return source

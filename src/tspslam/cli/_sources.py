@@ -67,7 +67,7 @@ def _open_cameras(given: Given) -> Source:
     others = {"SOURCE": given.paths} | {
         f"--{name}": getattr(given, name) for name in ("depth", "disparity", "frames", "fps", "topics", "unit")
     }
-    given.refuse("unknown", "sensor")
+    given.refuse("unknown", "sensor", "bits")
     return open_cameras(given.camera or [], given.layout, given.calib, given.out, others)
 
 

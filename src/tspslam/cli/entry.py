@@ -73,6 +73,8 @@ def exit_code(arguments: list[str]) -> int:
             return _complain(_line(error), _code_of(error))
         code = INTERRUPTED
     if code == INTERRUPTED:
+        if "--camera" in arguments:
+            return _complain("interrupted; tspslam run takes what was recorded, as any folder", INTERRUPTED)
         what = "goes on where this one stopped" if "run" in arguments[:2] else "begins anew"
         return _complain(f"interrupted; the same command {what}", INTERRUPTED)
     return code

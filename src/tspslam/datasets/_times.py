@@ -15,7 +15,7 @@ from .._files import bad_input, one_line
 from .._text import is_plain, read_lines
 from ..errors import InputError
 from ..types import FloatArray
-from ._pairing import LAST_STAMP, NANOSECONDS, check_stamps, seconds
+from ._pairing import LAST_STAMP, check_stamps, seconds
 
 FILES = ("times.txt", "timestamps.txt", "stamps.txt")
 """In a folder of images, or in that of its left ones."""
@@ -23,9 +23,11 @@ _LISTED = "a line for each left image: its time, or its name and its time; in se
 _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}  # ns
 _FIRST, _LAST = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # ns since 1970, the years 2000 and 2100: at most one unit
 _SHORTEST, _LONGEST = 5 * 10**6, 2 * 10**9  # ns between frames of 200 to 0.5 a second: at most one unit
-_NUMBER = re.compile(r"[0-9]{1,11}\.[0-9]{1,9}|[0-9]{1,19}")
+_NUMBER = re.compile(r"(?<![0-9])(?:[0-9]{1,11}\.[0-9]{1,9}|[0-9]{1,19})(?![0-9])")
+_ZEROS = re.compile(r"(?<![0-9.])0+(?=[0-9])")
 _VALUE = re.compile(r"[-+]?[0-9]{1,19}(?:\.[0-9]{0,30})?(?:[eE][-+]?[0-9]{1,2})?")
 _MOST = 10**10  # s
+_FASTEST = 1e5  # frames a second
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def nanoseconds_of(names: Sequence[str], units: Sequence[str] = ("ns", "us")) ->
     Times since 1970 tell their unit by their size. Others tell it by their steps, if it is one of `units`: steps of
     frames 10, 20, 30 must not be taken for milliseconds.
     """
-    found = [max(_NUMBER.findall(name), key=len, default="") for name in names]
+    found = [max(_NUMBER.findall(_ZEROS.sub("", name)), key=len, default="") for name in names]
     if not found or not all(found):
         return None
     values = [Decimal(each) for each in found]
@@ -85,6 +87,8 @@ def read_times(path: Path, files: Sequence[Path]) -> tuple[FloatArray, str]:
     last.
     """
     rows = [(number, re.split(r"[,;\s]+", text)) for number, text in read_lines(path, _LISTED) if text]
+    if len(rows) > 1 and len(rows[-1][1]) == 1 and len(rows[-2][1]) == 2:
+        rows.pop()  # a recording that ended in the middle of a line
     counts = {len(words) for _, words in rows}
     if len(counts) != 1 or not counts <= {1, 2}:
         raise bad_input(path, f"has lines of {' and '.join(map(str, sorted(counts))) or 'no'} values", _LISTED)
@@ -118,7 +122,9 @@ def _named_rows(path: Path, rows: list[tuple[int, list[str]]], files: Sequence[P
     for place in (0, 1):
         times: dict[str, tuple[int, list[str]]] = {}
         for number, words in rows:
-            times.setdefault(_called(words[place]), (number, [words[1 - place]]))
+            before = times.setdefault(_called(words[place]), (number, [words[1 - place]]))
+            if before[1] != [words[1 - place]]:
+                raise bad_input(path, f"lines {before[0]} and {number} name {words[place][:40]}", "one time an image")
         found = [times.get(_called(file.name)) for file in files]
         if any(found):
             lost = next((file for file, row in zip(files, found, strict=True) if row is None), None)
@@ -137,6 +143,6 @@ def _called(name: str) -> str:
 
 def at_rate(places: Sequence[int] | FloatArray, fps: float) -> FloatArray:
     """Return the times (s) of frames by their places, so many a second."""
-    if not (isinstance(fps, int | float) and not isinstance(fps, bool) and 0.01 <= fps <= NANOSECONDS):
-        raise InputError(one_line(f"fps is {repr(fps)[:40]}, expected frames a second, 0.01 or more"))
+    if not (isinstance(fps, int | float) and not isinstance(fps, bool) and 0.01 <= fps <= _FASTEST):
+        raise InputError(one_line(f"fps is {repr(fps)[:40]}, expected frames a second, 0.01 to {_FASTEST:g}"))
     return np.asarray(places, np.float64) / fps

@@ -103,6 +103,12 @@ class VideoFile:
         least, share = _SHORT
         return self.declared - len(self) > max(least, share * self.declared)
 
+    @property
+    def repeated(self) -> int:
+        """How many frames are those before them, by every eighth row."""
+        marks = self._indexed[1]
+        return sum(one == other for one, other in pairwise(marks))
+
     def fault(self) -> str | None:
         """Say what is wrong with the times, if anything is."""
         if len(self) > 1 and not self.times.any():

@@ -14,6 +14,7 @@ from ..types import FloatArray, RawRig, Rig, StereoPair
 from ..vision.calibration.formats import read_stereo
 from ._folder_images import FolderImages
 from ._kinds import no_image
+from ._pairing import checked_index
 from ._reader import FileReader
 
 _CALIBRATIONS = ("calib.yaml", "calib.txt", "calib_cam_to_cam.txt")
@@ -151,7 +152,7 @@ class StereoFolder:
 
     def __getitem__(self, index: int) -> StereoPair:
         """Read pair `index`; IndexError past the end, InputError if a file is bad."""
-        index = range(len(self))[index]
+        index = checked_index(index, len(self))
         return replace(self._reader.read(index), stamp=float(self.stamps[index]))
 
     def __iter__(self) -> Iterator[StereoPair]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .._checks import require_path
-from .._files import PathLike, one_line
+from .._files import PathLike, bad_input, one_line, reason_of
 from ..errors import InputError
 from ..vision.depth.sensor import DepthSensor
 from ._kinds import is_video, listed, no_source
@@ -93,10 +93,12 @@ def open_sequence(
     """
     several = [Path(each) for each in map(_checked, path)] if isinstance(path, list | tuple) else []
     folder = several[0] if several else Path(_checked(path))
-    kind = _kind(folder, several, has_depth=not (unit is None and sensor is None))
+    try:
+        kind = _kind(folder, several, has_depth=not (unit is None and sensor is None))
+    except OSError as error:
+        raise bad_input(folder, f"cannot be looked at ({reason_of(error)})", _KNOWN) from error
     given = {"calib": calib, "topics": topics, "layout": layout, "fps": fps, "unit": unit, "sensor": sensor}
-    if kind:
-        _refuse_others(folder, kind, given)
+    _refuse_others(folder, kind, given)
     source: Any = several or folder
     match kind:
         case "video":
@@ -116,7 +118,7 @@ def open_sequence(
             return EurocSequence(folder, bits=bits)
         case "kitti":
             return KittiSequence(folder, colour=not _has(folder, "image_0", "image_00"), bits=bits)
-    raise _unknown(folder)
+    raise AssertionError(kind)
 
 
 def are_parts(paths: list[Path]) -> bool:
@@ -152,7 +154,7 @@ def _has(folder: Path, *names: str) -> bool:
 
 
 def _kind(folder: Path, several: list[Path], *, has_depth: bool) -> str:
-    """What kind of source it is; nothing if it is none that is known."""
+    """What kind of source it is; InputError if it is none that is known."""
     if several and not are_parts(several):
         names = ", ".join(str(each) for each in several[:6])
         raise InputError(one_line(f"{names}: are no sequence, expected two folders, two videos or files of one bag"))
@@ -166,7 +168,9 @@ def _kind(folder: Path, several: list[Path], *, has_depth: bool) -> str:
         return "utias"
     if is_bag(folder):
         return "bag"
-    return _kind_of_folder(folder) if folder.is_dir() else ""
+    if not folder.is_dir():
+        raise _unknown(folder)
+    return _kind_of_folder(folder)
 
 
 def _kind_of_folder(folder: Path) -> str:
@@ -180,7 +184,9 @@ def _kind_of_folder(folder: Path) -> str:
             return "plain"
         if any(file.suffix.lower() == ".bag" for file in folder.iterdir()):
             return "bag"
-    return "euroc" if _has(folder, "mav0", "cam0") else "kitti" if _has(folder, *_OWN) else ""
+    if not _has(folder, *_OWN):
+        raise _unknown(folder)
+    return "euroc" if _has(folder, "mav0", "cam0") else "kitti"
 
 
 def _refuse_others(folder: Path, kind: str, given: dict[str, Any]) -> None:

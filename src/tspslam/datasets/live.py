@@ -16,7 +16,7 @@ import numpy as np
 from .._atomic import bad_output, make_folder
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line
-from ..errors import InputError, TspSlamError
+from ..errors import InputError
 from ..io.images import read_image
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.calibration.formats import read_stereo
@@ -130,11 +130,12 @@ class LiveSequence:
         self._captures = _open_all(self._ids, _frame_size(known, layout), open_capture or open_camera)
         try:
             cameras_of(known, self._size_of_first())
-            _prepare(self.recording, known)
-        except TspSlamError:
+            _check_new(self.recording)
+        except BaseException:
             self._release()
             raise
         self._names: list[str] = []
+        self._cameras = known
         self._reader = Reader(known, self._images, self._names)
         self.rig = self._reader.rig
         self._taken: list[_Taken] = []
@@ -210,9 +211,17 @@ class LiveSequence:
                     if self._failure:
                         raise self._failure
                     return False
+                elif self._is_silent():
+                    self.ended_early = not self._stop.is_set()
+                    self._stop.set()
+                    return False
                 else:
                     self._changed.wait(_NAP)
         return True
+
+    def _is_silent(self) -> bool:
+        """Whether a camera hangs: it neither gives an image nor says that there is none."""
+        return not self._is_grabbed and time.monotonic() - self._heard > _PATIENCE
 
     def stop(self) -> None:
         """Take no more images; pairs that wait are still handed on."""
@@ -223,6 +232,9 @@ class LiveSequence:
         self.stop()
         for thread in self._threads:
             thread.join(_PATIENCE)
+            with self._changed:
+                self._is_grabbed = True  # by a camera that hangs too
+                self._changed.notify_all()
         self._release()
 
     def _take(self, taken: _Taken) -> None:
@@ -240,6 +252,7 @@ class LiveSequence:
 
     def _start(self) -> None:
         if not self._threads:
+            self._heard = time.monotonic()
             self._threads = [threading.Thread(target=each, daemon=True) for each in (self._grab_all, self._record_all)]
             for thread in self._threads:
                 thread.start()
@@ -253,6 +266,7 @@ class LiveSequence:
                     self.ended_early = not self._stop.is_set()
                     break
                 with self._changed:
+                    self._heard = images[0]
                     if len(self._held) < _HELD:
                         self._held.append(images)
                     else:
@@ -265,26 +279,30 @@ class LiveSequence:
 
     def _grab(self) -> tuple[float, list[Image]] | None:
         """Images of one moment and its time; None where a camera gives none."""
-        import cv2
-
         with silence():
             try:
                 if not all(capture.grab() for capture in self._captures):
                     return None
                 now = time.monotonic()
                 found = [capture.retrieve() for capture in self._captures]
-            except cv2.error:
+            except Exception:  # whatever the library of a camera raises, it gives nothing more
                 return None
-        return (now, [image for _, image in found]) if all(there for there, _ in found) else None
+        is_whole = all(there and _is_image(image) for there, image in found)
+        return (now, [image for _, image in found]) if is_whole else None
 
     def _record_all(self) -> None:
         """Record what was taken, and hand it on."""
         try:
+            held = self._next_held()
+            if held is None:
+                return
+            _prepare(self.recording, self._cameras)
             with open(self.recording / "times.txt", "w", encoding="ascii") as times:
                 start = None
-                while (held := self._next_held()) is not None:
+                while held is not None:
                     start = held[0] if start is None else start
                     self._record(times, held[0] - start, _sides(held[1], self.layout))
+                    held = self._next_held()
         except OSError as error:
             self._failure = bad_output(self.recording / "times.txt", error)
         except Exception as error:
@@ -405,18 +423,28 @@ def _open_all(
     try:
         for each in ids:
             opened.append(open_capture(each, size))
-    except InputError:
+    except BaseException:
         for capture in opened:
             capture.release()
         raise
     return opened
 
 
-def _prepare(recording: Path, cameras: Rig | RawRig) -> None:
-    """Make the folder of a recording."""
+def _is_image(image: Any) -> bool:
+    """Whether a camera gave an image, grey or B, G, R, of 8 bits."""
+    is_array = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size > 0
+    return is_array and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3))
+
+
+def _check_new(recording: Path) -> None:
+    """Refuse the folder of a recording that is there."""
     if recording.exists() and (not recording.is_dir() or any(recording.iterdir())):
         way = f"a new folder; tspslam run {one_line(str(recording))} takes what is recorded there"
         raise bad_input(recording, "is there already", way)
+
+
+def _prepare(recording: Path, cameras: Rig | RawRig) -> None:
+    """Make the folder of a recording."""
     for side in ("left", "right"):
         make_folder(recording / side)
     save_cameras(cameras, recording / "calib.yaml")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,9 @@ from ._video import VideoFile
 LAYOUTS = ("side-by-side", "over-under", "alternate")
 """How both images are in one video: left and right half, upper and lower half, or frame after frame; left first."""
 _WIDE, _TALL = 2.2, 1.15  # width / height: above it two images are beside each other, below it on top (16:9, 4:3, 5:4)
+_GAP = 1.5  # of the median step: a longer one lacks a frame
+_SAME_RATE = 1.01  # between two videos: clocks differ by far less
+_FROZEN = 2  # frames that are the one before them: a single one may be what a camera doubled
 _SLOWEST, _FASTEST = 0.01, 1e5  # frames a second
 _HALVES: dict[str, Callable[[Image], tuple[Image, Image]]] = {
     "side-by-side": lambda image: (image[:, : image.shape[1] // 2], image[:, image.shape[1] // 2 :]),
@@ -84,6 +86,7 @@ class VideoImages:
         _check_rate(fps)
         self.layout = layout
         self._files, self.size = _opened(paths, layout)
+        _check_same_rate(self._files, fps)
         times = [_times(each, fps) for each in self._files]
         self._pairs, self.unpaired = self._paired(times)
         self.stamps = np.array([times[0][left] for left, _ in self._pairs], np.float64)
@@ -136,6 +139,7 @@ class VideoImages:
             return [(k, k) for k in range(count)], []
         if count < 2:
             raise bad_input(self._files[0].path, "has a single frame", "alternate ones, left and right")
+        _check_whole(self._files[0])
         lone = [f"{names[0]}/{count - 1}"] if count % 2 else []
         return [(k, k + 1) for k in range(0, count - 1, 2)], lone
 
@@ -354,7 +358,7 @@ def check_layout(layout: str | None) -> None:
 
 def _places(paths: Paths, layout: str | None) -> list[Path]:
     """One file or two; a layout goes with one."""
-    given: Sequence[PathLike] = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    given: Sequence[PathLike] = list(paths) if isinstance(paths, list | tuple) else [paths]  # type: ignore[list-item]
     for path in given:
         require_path(path)
     if len(given) not in (1, 2):
@@ -401,6 +405,29 @@ def _times(file: VideoFile, fps: float | None) -> FloatArray:
     return file.times
 
 
+def _check_whole(file: VideoFile) -> None:
+    """Refuse alternate frames of which one is lost: left and right would change places from there on."""
+    wanted = "all frames of left and right in turn, or a video of each side"
+    if file.declared > len(file):
+        raise bad_input(file.path, f"has {len(file)} of {file.declared} frames that can be decoded", wanted)
+    steps = np.diff(file.times) if file.fault() is None else np.zeros(0)
+    late = np.flatnonzero(steps > _GAP * np.median(steps)) if len(steps) else steps
+    if len(late):
+        k = int(late[0])
+        said = f"frames {k} and {k + 1} are {steps[k]:.3g} s apart, others {np.median(steps):.3g} s: one is lost"
+        raise bad_input(file.path, said, wanted)
+
+
+def _check_same_rate(files: Sequence[VideoFile], fps: float | None) -> None:
+    """Refuse a rate for two videos whose own times say that they have two."""
+    if fps is None or len(files) < 2 or any(file.fault() or len(file) < 2 for file in files):
+        return
+    rates = [1 / float(np.median(np.diff(file.times))) for file in files]
+    if max(rates) > _SAME_RATE * min(rates):
+        said = f"has {rates[1]:.4g} frames a second, {files[0].path.name} {rates[0]:.4g}"
+        raise bad_input(files[1].path, said, "no one rate beside their times (--fps, fps=)")
+
+
 def _by_time(files: Sequence[VideoFile], times: Sequence[FloatArray]) -> tuple[list[tuple[int, int]], list[str]]:
     """Pair the frames of two videos that are nearest to each other."""
     labels = one_line(files[0].path.name), one_line(files[1].path.name)
@@ -418,6 +445,9 @@ def _remarks(file: VideoFile) -> Iterator[dict[str, str]]:
     if file.turn:
         message = f"{name}: its frames are turned by {file.turn} degrees, as it says; the calibration must be of that"
         yield {"code": "video_turned", "message": message}
+    if file.repeated >= _FROZEN:
+        message = f"{name}: {file.repeated} of {len(file)} frames are the one before them again, as damaged ones are"
+        yield {"code": "video_frozen", "message": message}
     if file.is_cut:
         message = f"{name}: {len(file)} of {file.declared} frames can be decoded; the others are missing"
         yield {"code": "video_cut", "message": message}

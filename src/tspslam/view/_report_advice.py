@@ -49,6 +49,7 @@ ADVICE = {
     "unknown": "If your map uses another value for 'not known', name it with --unknown.",
     "unpaired": "Check that each left image has a right one; images without a partner are left out.",
     "video_cut": "Copy the video again, if the original is whole; the frames that are there were taken.",
+    "video_frozen": "Copy the file anew: frames that are damaged are shown as those before them.",
     "video_turned": "Calibrate with frames of such a video: the calibration must be of the turned images.",
     "unseen_vertices": "Check the pose of the mesh in the camera's frame, if more is hidden than you expect.",
 }
