@@ -122,6 +122,8 @@ class Camera:
         if not isinstance(self.lens, str) or self.lens not in LENSES:
             raise InputError(f"camera: lens is {repr(self.lens)[:60]}, expected one of {', '.join(LENSES)}")
         names = LENSES[self.lens]
+        if not isinstance(self.distortion, tuple):
+            raise InputError(f"camera: distortion is {repr(self.distortion)[:60]}, expected a tuple of numbers")
         if len(self.distortion) != len(names):
             wanted = ", ".join(names)
             raise InputError(f"camera: distortion has {len(self.distortion)} numbers, expected {wanted}")
@@ -158,7 +160,16 @@ class RawRig:
     def __post_init__(self) -> None:
         if self.field_of_view is not None:
             _check_number("raw rig", "field_of_view, degrees,", self.field_of_view, 1.0, 170.0)
-        T = self.matrix
+        for camera in (self.left, self.right):
+            if not isinstance(camera, Camera):
+                raise InputError(f"raw rig: left or right is {repr(camera)[:60]}, expected a Camera")
+        try:
+            T = self.matrix
+        except (ValueError, TypeError) as error:
+            said = repr(self.T_right_left)[:60]
+            raise InputError(
+                f"raw rig: T_right_left is {said}, expected 4 x 4 numbers with last row 0 0 0 1"
+            ) from error
         if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
             raise InputError(f"raw rig: T_right_left is {T.tolist()}, expected 4 x 4 numbers with last row 0 0 0 1")
         off = float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())

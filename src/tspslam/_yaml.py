@@ -12,6 +12,7 @@ from ._text import read_text
 
 LARGEST_FILE = 1 << 20  # bytes
 _DEEPEST = 21
+_MOST = 20_000  # values: PyYAML takes about 0.1 ms for one
 _HEADER = re.compile(r"\A((?:[ \t]*(?:#[^\n]*)?\n)*)%YAML[: ][ \t]*1\.[0-9][^\n]*")
 # What plain words mean, YAML 1.2's core: no dates, no 1:30 for 90, no <<, no yes and no.
 _WORDS = {
@@ -33,7 +34,7 @@ class _Plain:
 class PlainLoader(_Plain, yaml.SafeLoader):
     """PyYAML's safe loader without anchors, tags, merges, repeated keys, or too many levels."""
 
-    _depth = 0
+    _depth = _count = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Refuse anchors, aliases, tags and too many levels."""
@@ -42,6 +43,9 @@ class PlainLoader(_Plain, yaml.SafeLoader):
             raise _refused("anchors and aliases are not allowed", event)
         if getattr(event, "tag", None) is not None:
             raise _refused(f"the tag {event.tag} is not allowed", event)
+        self._count += 1
+        if self._count > _MOST:
+            raise _refused(f"there are more than {_MOST} values", event)
         if self._depth > _DEEPEST:
             raise _refused("too many levels", event)
         self._depth += 1

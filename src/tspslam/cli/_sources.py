@@ -75,6 +75,7 @@ def _open_images(given: Given) -> Source:
     from .. import datasets
     from ..datasets.layouts import are_parts
     from ..run.pipeline import OnePair
+    from ..vision.calibration.formats import read_calibration
 
     paths = given.paths
     if len(paths) == 1 or are_parts(paths):
@@ -88,7 +89,8 @@ def _open_images(given: Given) -> Source:
         raise typer.BadParameter(said, param_hint="SOURCE")
     if given.calib is None:
         raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-    return OnePair(datasets.read_pair(paths[0], paths[1], given.calib, bits=given.bits))
+    pair = datasets.read_pair(paths[0], paths[1], given.calib, bits=given.bits)
+    return OnePair(pair, read_calibration(given.calib, (pair.rig.width, pair.rig.height)).remarks)
 
 
 def _open_sequence(given: Given) -> Source:

@@ -11,7 +11,7 @@ from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, RawRig, Rig, StereoPair
-from ..vision.calibration.formats import read_stereo
+from ..vision.calibration.formats import read_stereo, read_stereo_calibration
 from ._folder_images import FolderImages
 from ._kinds import no_image
 from ._pairing import checked_index
@@ -107,7 +107,7 @@ class StereoFolder:
     unpaired : list of str
         Files without a partner, as ``left/name.png``.
     remarks : list of str
-        Where stamps are from, and how images were paired, if not by their names.
+        Where stamps are from, how images were paired, if not by their names, and what is to be said of the calibration.
 
     Raises
     ------
@@ -135,8 +135,9 @@ class StereoFolder:
         self._stored = stored = FolderImages(path, fps=fps)
         self.path, self.names, self.stamps = stored.path, stored.names, stored.stamps
         self.unpaired, self.remarks = stored.unpaired, stored.remarks
-        cameras = read_stereo(calib or _calibration_in(self.path), stored.size())
-        self._reader = FileReader(cameras, stored.files, bits)
+        found = read_stereo_calibration(calib or _calibration_in(self.path), stored.size())
+        self.remarks = [*self.remarks, *found.remarks]
+        self._reader = FileReader(found.cameras, stored.files, bits)
         self.rig = self._reader.rig
 
     @property

@@ -13,7 +13,7 @@ from .._checks import require_path
 from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
-from ..vision.calibration.formats import read_stereo
+from ..vision.calibration.formats import read_stereo, read_stereo_calibration
 from ._pairing import NANOSECONDS, checked_index, pair_by_stamp
 from ._reader import Reader
 from ._video import VideoFile
@@ -163,6 +163,8 @@ class VideoSequence:
         The cameras of the rectified pairs.
     stamps, names, unpaired, warnings
         As in `VideoImages`.
+    remarks : list of str
+        What is to be said of the calibration.
 
     Raises
     ------
@@ -180,12 +182,15 @@ class VideoSequence:
     stamps: FloatArray
     unpaired: list[str]
     warnings: list[dict[str, str]]
+    remarks: list[str]
 
     def __init__(
         self, paths: Paths, layout: str | None = None, *,
         calib: PathLike | Rig | RawRig, fps: float | None = None, bits: int | None = None,
     ) -> None:  # fmt: skip
-        cameras = cameras_of(calib, image_size(paths, layout))  # before the file is gone through
+        size = image_size(paths, layout)
+        cameras = cameras_of(calib, size)  # before the file is gone through
+        self.remarks = [] if isinstance(calib, Rig | RawRig) else list(read_stereo_calibration(calib, size).remarks)
         self.images = VideoImages(paths, layout, fps=fps)
         self.stamps, self.unpaired, self.warnings = self.images.stamps, self.images.unpaired, self.images.warnings
         self._reader = Reader(cameras, self.images.images, self.images.names, bits)

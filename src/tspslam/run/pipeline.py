@@ -39,9 +39,10 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class OnePair:
-    """A source of a single pair."""
+    """A source of a single pair, and remarks on it."""
 
     pair: StereoPair
+    remarks: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -172,7 +172,8 @@ def bend(camera: Camera, x: FloatArray, y: FloatArray) -> Plane:
     rr = x * x + y * y
     radial = 1 + rr * (k1 + rr * (k2 + rr * k3))
     if k4 or k5 or k6:
-        radial = radial / (1 + rr * (k4 + rr * (k5 + rr * k6)))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where the lens has a pole it has no image
+            radial = radial / (1 + rr * (k4 + rr * (k5 + rr * k6)))
     x, y = x * radial + 2 * p1 * x * y + p2 * (rr + 2 * x * x), y * radial + p1 * (rr + 2 * y * y) + 2 * p2 * x * y
     if s1 or s2 or s3 or s4:
         x, y = x + rr * (s1 + rr * s2), y + rr * (s3 + rr * s4)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...errors import GeometryError, InputError
 from ...types import Camera, FloatArray, RawRig, Rig
 from ..se3 import repeated
-from .lenses import project
+from .lenses import jacobian, project
 
 LARGEST_BY_DEFAULT = 110.0
 """Degrees: a pixel at the border of the rectified image then covers a third of a middle one's angle (cos²)."""
@@ -16,6 +16,9 @@ LARGEST_BY_DEFAULT = 110.0
 _SMALLEST = 1.0  # degrees, as `RawRig` has it
 _PRECISION = 0.01  # degrees, of the largest field of view that both cameras fill
 _ROWS = 64  # whose rays are looked up at a time, so that memory does not grow with the image
+LARGEST_ZOOM = 5.0
+"""Of the focal length, by rectification."""
+_LARGEST_ASKED = 25.0  # the same, of a field of view that somebody states: millimetres differ by a hundred and more
 OUTSIDE = -1e6
 """px: where the map of a pixel points that no ray reaches."""
 
@@ -46,7 +49,20 @@ def _turn_to_x(direction: FloatArray) -> FloatArray:
 def wide_rig(raw: RawRig, R_left: FloatArray, R_right: FloatArray) -> Rig:
     """Rectified cameras of the raw pair's size, by its field of view or the largest that both fill."""
     asked = raw.field_of_view
-    return _rig(raw, _largest_filled(raw, R_left, R_right) if asked is None else asked)
+    rig = _rig(raw, _largest_filled(raw, R_left, R_right) if asked is None else asked)
+    for camera, R in ((raw.left, R_left), (raw.right, R_right)):
+        _check_zoom(camera, R, rig, LARGEST_ZOOM if asked is None else _LARGEST_ASKED)
+    return rig
+
+
+def _check_zoom(camera: Camera, R: FloatArray, rig: Rig, most: float) -> None:
+    """Refuse to blow up a few pixels, or to shrink all to a few: the intrinsics are in other units."""
+    own = float(np.abs(np.linalg.det(jacobian(camera, R[2:])[0, :, :2])) ** 0.5)  # px to the radian, in the middle
+    if not 1 / most < rig.fx / max(own, 1e-12) < most:
+        raise GeometryError(
+            f"raw rig: rectification would change the focal length from {own:.4g} px in the middle to {rig.fx:.4g}, "
+            "expected intrinsics in px, and cameras that see one scene"
+        )
 
 
 def _rig(raw: RawRig, field_of_view: float) -> Rig:

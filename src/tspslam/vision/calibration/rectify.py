@@ -15,10 +15,9 @@ from ...errors import GeometryError, InputError
 from ...types import LENSES, BoolArray, Camera, FloatArray, Image, RawRig, Rig
 from ..rig import LARGEST_AREA, check_image
 from ._lenses import PERSPECTIVE, bend, bend_radius, turning_radius
-from ._wide import turn_both, wide_maps, wide_rig
+from ._wide import LARGEST_ZOOM, turn_both, wide_maps, wide_rig
 
 _LARGEST_TURN = 45.0  # degrees between the two cameras
-_LARGEST_ZOOM = 5.0  # of the focal length
 _LARGEST_SIDE = 32_766  # px, of OpenCV's resampling
 _LEAST_SEEN = 0.1  # of the rectified image by both cameras: less is no picture of a scene
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -237,7 +236,7 @@ def _stereo_rectify(raw: RawRig) -> tuple[FloatArray, FloatArray, FloatArray, Fl
 
 def _rectified_rig(raw: RawRig, P_left: FloatArray, P_right: FloatArray) -> Rig:
     f, cx, cy = (float(P_left[at]) for at in ((0, 0), (0, 2), (1, 2)))
-    if not 1 / _LARGEST_ZOOM < f / raw.left.fx < _LARGEST_ZOOM:
+    if not 1 / LARGEST_ZOOM < f / raw.left.fx < LARGEST_ZOOM:
         raise GeometryError(
             f"raw rig: rectification would change the focal length from {raw.left.fx:.4g} to {f:.4g} px, expected "
             "cameras that see one scene, and distortions of their lenses"

@@ -80,7 +80,7 @@ def explain_mismatch(pair: PreparedPair, left: Features, right: Features, points
     if offset > _LARGEST_OFFSET:
         raise GeometryError(
             f"{seen} the rows differ by {offset:.1f} px in the median, expected under {_LARGEST_OFFSET:g}: the pair is "
-            "not rectified, or twice, or not of these cameras"
+            "not rectified, or twice, or not of these cameras, or left and right are swapped"
         )
     refuse_swapped(pair, left.uv[i, 0] - right.uv[j, 0])
 

@@ -149,10 +149,25 @@ def read_stereo(path: PathLike, size: tuple[int, int] | None = None) -> Rig | Ra
     -------
     Rig or RawRig
     """
-    cameras = read_calibration(path, size).cameras
-    if isinstance(cameras, Rig) and not cameras.baseline:
+    return read_stereo_calibration(path, size).cameras
+
+
+def read_stereo_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Calibration:
+    """Read the calibration of a pair, with what is to be said of it; one of a single camera is an `InputError`.
+
+    Parameters
+    ----------
+    path, size
+        As `read_calibration`.
+
+    Returns
+    -------
+    Calibration
+    """
+    found = read_calibration(path, size)
+    if isinstance(found.cameras, Rig) and not found.cameras.baseline:
         raise bad_input(path, "has no baseline", "that of a pair of cameras, m")
-    return cameras
+    return found
 
 
 def read_rectified(path: PathLike, size: tuple[int, int] | None = None) -> Rig:

@@ -25,7 +25,7 @@ def partner(path: PathLike) -> tuple[Path, Path] | None:
         for one, other in _SIDES:
             for at, (mine, its) in enumerate(((one, other), (other, one))):
                 if mine in place.name:
-                    swapped = place.with_name(place.name.replace(mine, its))
+                    swapped = place.with_name(its.join(place.name.rsplit(mine, 1)))
                     found = swapped if place is own else swapped / own.name
                     given = Path(path)
                     if place is own:
