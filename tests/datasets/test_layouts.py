@@ -293,3 +293,8 @@ def test_an_index_that_is_no_number_is_refused(tmp_path, kind, index):
 
 def test_readers_are_public():
     assert {"KittiSequence", "EurocSequence", "UtiasRun", "open_sequence"} <= set(datasets.__all__)
+
+
+def test_a_path_that_cannot_be_looked_at_is_bad_input(tmp_path):
+    with pytest.raises(InputError, match=r"cannot be looked at .*expected one with left/"):
+        open_sequence(tmp_path / ("a" * 300))

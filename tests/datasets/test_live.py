@@ -145,7 +145,7 @@ def test_two_cameras_give_a_side_each(tmp_path):
 
 def test_a_recording_that_cannot_be_written_ends_the_source(tmp_path, film):
     source, _ = opened(film, tmp_path / "drive", interval=0.01, is_endless=True)
-    (tmp_path / "drive" / "times.txt").mkdir()
+    (tmp_path / "drive" / "times.txt").mkdir(parents=True)
     with pytest.raises(OutputError, match=r"times\.txt: cannot be written"):
         source.wait_for(50)
     source.close()

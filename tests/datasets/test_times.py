@@ -185,3 +185,26 @@ def test_any_file_of_times_gives_times_that_increase_or_one_line(
 def test_any_names_give_times_that_increase_or_none(names: list[str]) -> None:
     found = nanoseconds_of(names)
     assert found is None or (len(found.values) == len(names) and (np.diff(found.values) > 0).all())
+
+
+def test_zeros_in_front_are_no_digits_and_longer_numbers_no_times() -> None:
+    """A name of 20 digits was cut to 19, ten times too small."""
+    stamps = [1403636579763555584 + k * 10**8 for k in range(3)]
+    for width in (20, 24):
+        found = nanoseconds_of([f"{stamp:0{width}d}" for stamp in stamps])
+        assert found is not None
+        assert found.values == stamps
+    assert nanoseconds_of([f"{stamp}7" for stamp in stamps]) is None
+
+
+def test_a_recording_that_ended_in_the_middle_of_a_line_can_be_read(tmp_path: Path) -> None:
+    files = [tmp_path / f"{k:06d}.png" for k in range(3)]
+    (tmp_path / "times.txt").write_text("000000.png 0.0\n000001.png 0.1\n000002.png 0.2\n000003.p")
+    times, unit = read_times(tmp_path / "times.txt", files)
+    assert (times.tolist(), unit) == ([0.0, 0.1, 0.2], "s")
+
+
+def test_two_times_of_one_image_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("0.png 0.0\n1.png 0.1\n1.png 0.15\n")
+    with pytest.raises(InputError, match=r"lines 2 and 3 name 1\.png; expected one time an image"):
+        read_times(tmp_path / "times.txt", [tmp_path / "0.png", tmp_path / "1.png"])

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tspslam.errors import InputError
-from tspslam.types import LENSES, Camera
+from tspslam.errors import GeometryError, InputError
+from tspslam.types import LENSES, Camera, RawRig
 from tspslam.vision.calibration.lenses import field_of_view, jacobian, project, unproject
-from tspslam.vision.calibration.rectify import camera_matrix
+from tspslam.vision.calibration.rectify import camera_matrix, rectification
 
 TYPICAL: dict[str, tuple[float, ...]] = {
     "brown": (-0.283, 0.0739, 0.00019, 1.76e-05, 0.0),
@@ -201,3 +201,33 @@ def test_other_shapes_and_cameras_are_refused(call: Any) -> None:
         call(camera("eucm"), np.zeros(4))
     with pytest.raises(InputError, match="lens: camera is"):
         call("fisheye", np.zeros((1, 3)))
+
+
+def test_intrinsics_in_millimetres_are_no_picture():
+    T = ((1.0, 0, 0, -0.1), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    for lens, distortion in (("equidistant", (0.0,) * 4), ("mei", (1e4, 0.0, 0.0, 0.0, 0.0))):
+        camera = Camera(2.1, 2.1, 319.5, 239.5, 640, 480, distortion=distortion, lens=lens)
+        for degrees in (None, 100.0):
+            with pytest.raises(GeometryError, match=r"expected intrinsics in px|no field of view"):
+                rectification(RawRig(camera, camera, T, degrees))
+
+
+def test_a_lens_with_a_pole_warns_of_nothing(recwarn):
+    camera = Camera(500, 500, 320, 240, 640, 480, distortion=(0.0, 0, 0, 0, 0, 0, 0, -5.0), lens="rational")
+    project(camera, np.array([[5 ** (-1 / 6), 0.0, 1.0], [0.1, 0.1, 1.0]]))
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("given", [{"distortion": None}, {"distortion": [0.0] * 5}, {"distortion": 5}])
+def test_coefficients_are_a_tuple(given):
+    with pytest.raises(InputError, match="expected a tuple of numbers"):
+        Camera(500, 500, 320, 240, 640, 480, **given)
+
+
+def test_a_raw_rig_is_of_cameras_and_a_matrix():
+    camera, T = Camera(500, 500, 320, 240, 640, 480), np.eye(4).tolist()
+    with pytest.raises(InputError, match="expected a Camera"):
+        RawRig(1, 2, T)
+    for wrong in ("x", [[1, 2], [3]], [["a"] * 4] * 4):
+        with pytest.raises(InputError, match="expected 4 x 4 numbers"):
+            RawRig(camera, camera, wrong)
