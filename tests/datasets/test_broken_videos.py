@@ -1,6 +1,6 @@
 """What goes wrong in videos and before cameras without a word of FFmpeg's or the driver's: it is said here."""
 
-import time
+import threading
 
 import numpy as np
 import pytest
@@ -77,13 +77,16 @@ def test_a_camera_that_raises_is_lost(tmp_path):
 
 def test_a_camera_that_hangs_is_lost_and_can_be_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(live, "_PATIENCE", 1.0)
-    camera = Broken(4, lambda: time.sleep(600))
+    woken = threading.Event()
+    camera = Broken(4, lambda: woken.wait(60))
     source = LiveSequence(0, "side-by-side", calib=RIG, recording=tmp_path / "r", open_capture=lambda *_: camera)
     while source.wait_for(len(source)):
         pass
     source.close()
     assert source.ended_early
     assert len(source) == 3  # the first tells the size
+    woken.set()
+    source._threads[0].join(60)
 
 
 def test_what_is_no_image_ends_a_source(tmp_path):
