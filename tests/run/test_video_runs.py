@@ -194,4 +194,4 @@ def test_ctrl_c_ends_a_live_run_with_all_results(tmp_path, film, monkeypatch, ca
     assert found["frames"] >= 1
     assert (tmp_path / "run" / "report.html").exists()
     assert cli.exit_code(command) == cli.BAD_INPUT
-    assert "run-recording: is there already; expected a new folder; tspslam run" in capsys.readouterr().err
+    assert "run: is there already; expected a new folder for the run of a camera" in capsys.readouterr().err

@@ -95,12 +95,15 @@ def _open_images(given: Given) -> Source:
 
 def _open_sequence(given: Given) -> Source:
     from .. import datasets
+    from ..datasets._kinds import is_video
     from ..vision.depth.sensor import SENSORS
 
     if given.sensor not in (None, *SENSORS):
         raise typer.BadParameter(f"{given.sensor!r}, expected one of {', '.join(SENSORS)}", param_hint="--sensor")
     if len(given.paths) > 1:
         given.refuse("layout", "unit", "sensor")
+        if given.calib is None and all(map(is_video, given.paths)):
+            raise typer.BadParameter("two videos need a calibration file", param_hint="--calib")
     path: Any = given.paths if len(given.paths) > 1 else given.paths[0]
     return datasets.open_sequence(
         path, calib=given.calib, topics=given.topics, bits=given.bits, layout=given.layout, fps=given.fps,
