@@ -2,60 +2,35 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from .._atomic import bad_output, make_folder
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line
-from ..errors import InputError
 from ..io.images import read_image
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.calibration.formats import read_stereo
 from ..vision.calibration.formats.own import save_cameras
+from ._cameras import Capture, frame_size, ids_of, is_image, open_all, open_camera
 from ._pairing import checked_index
 from ._reader import Reader
+from ._stereo_layouts import half_size, halves
 from ._video import silence
-from .video import LAYOUTS, cameras_of, check_layout, half_size, halves
+from .video import cameras_of
 
 _HELD = 64  # frames that may wait to be recorded: two seconds of most cameras
 _AHEAD = 8  # recorded frames that may wait to be tracked; then the oldest is left out
 _COMPRESSION = 1  # of PNG: the fastest; level 6 makes files a tenth smaller in five times the time
 _NAP = 0.2  # s between two looks at whether the source was stopped
 _PATIENCE = 12.0  # s to wait for a camera that gives nothing: OpenCV itself gives up after 10
-
-
-class Capture(Protocol):
-    """What a camera is read by: the part of OpenCV's ``VideoCapture`` that is used."""
-
-    def grab(self) -> bool:
-        """Take the next image.
-
-        Returns
-        -------
-        bool
-            False where there is none.
-        """
-
-    def retrieve(self) -> tuple[bool, Any]:
-        """Give the image that was taken.
-
-        Returns
-        -------
-        tuple of bool and (H, W, 3) or (H, W) uint8
-            Whether there is one; it is BGR or grey.
-        """
-
-    def release(self) -> None:
-        """Let go of the camera."""
 
 
 @dataclass(frozen=True)
@@ -123,11 +98,11 @@ class LiveSequence:
         calib: PathLike | Rig | RawRig, recording: PathLike,
         open_capture: Callable[[int | str, tuple[int, int]], Capture] | None = None,
     ) -> None:  # fmt: skip
-        self._ids, self.layout = _ids_of(cameras, layout), layout
+        self._ids, self.layout = ids_of(cameras, layout), layout
         require_path(recording, "recording")
         self.recording = Path(recording)
         known = _known(calib)
-        self._captures = _open_all(self._ids, _frame_size(known, layout), open_capture or open_camera)
+        self._captures = open_all(self._ids, frame_size(known, layout), open_capture or open_camera)
         try:
             cameras_of(known, self._size_of_first())
             _check_new(self.recording)
@@ -287,7 +262,7 @@ class LiveSequence:
                 found = [capture.retrieve() for capture in self._captures]
             except Exception:  # whatever the library of a camera raises, it gives nothing more
                 return None
-        is_whole = all(there and _is_image(image) for there, image in found)
+        is_whole = all(there and is_image(image) for there, image in found)
         return (now, [image for _, image in found]) if is_whole else None
 
     def _record_all(self) -> None:
@@ -353,87 +328,8 @@ class LiveSequence:
             capture.release()
 
 
-def open_camera(camera: int | str, size: tuple[int, int]) -> Capture:
-    """Open a camera by OpenCV and ask it for images of a size.
-
-    Parameters
-    ----------
-    camera : int or str
-        Its number, or its device.
-    size : tuple of 2 int
-        Width and height, px; it may give others.
-
-    Returns
-    -------
-    Capture
-
-    Raises
-    ------
-    InputError
-        If it cannot be opened.
-    """
-    import cv2
-
-    kind = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
-    with silence():
-        try:
-            capture = cv2.VideoCapture(camera, kind)
-        except cv2.error:
-            capture = cv2.VideoCapture()
-        if not capture.isOpened():
-            said = "cannot be opened as a camera"
-            raise bad_input(f"camera {camera}", said, "a number, such as 0, or a device that no other program uses")
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
-    return capture
-
-
-def _ids_of(cameras: int | str | Sequence[int | str], layout: str | None) -> list[int | str]:
-    """Number or device of one camera or of two; a layout goes with one."""
-    given = [cameras] if isinstance(cameras, int | str) else list(cameras)
-    check_layout(layout)
-    if len(given) not in (1, 2):
-        raise InputError(f"cameras has {len(given)}, expected one, or a left and a right one")
-    if len(given) == 2 and layout is not None:
-        raise InputError(f"layout is {layout!r} beside two cameras, expected none: each is one side")
-    if len(given) == 1 and (layout is None or layout not in LAYOUTS[:2]):
-        wanted = " or ".join(map(repr, LAYOUTS[:2]))
-        raise InputError(f"layout is {layout!r}, expected {wanted} of one camera, or two cameras")
-    ids = [int(each) if isinstance(each, str) and each.isascii() and each.isdigit() else each for each in given]
-    if len(set(ids)) < len(ids):
-        raise InputError(one_line(f"cameras are {ids[0]} and {ids[1]}, expected two"))
-    return ids
-
-
 def _known(calib: PathLike | Rig | RawRig) -> Rig | RawRig:
     return calib if isinstance(calib, Rig | RawRig) else read_stereo(calib)
-
-
-def _frame_size(cameras: Rig | RawRig, layout: str | None) -> tuple[int, int]:
-    """Size of what one camera gives, px."""
-    one = cameras.left if isinstance(cameras, RawRig) else cameras
-    return one.width * (1 + (layout == "side-by-side")), one.height * (1 + (layout == "over-under"))
-
-
-def _open_all(
-    ids: Sequence[int | str], size: tuple[int, int], open_capture: Callable[[int | str, tuple[int, int]], Capture]
-) -> list[Capture]:
-    """Open all cameras, or none."""
-    opened: list[Capture] = []
-    try:
-        for each in ids:
-            opened.append(open_capture(each, size))
-    except BaseException:
-        for capture in opened:
-            capture.release()
-        raise
-    return opened
-
-
-def _is_image(image: Any) -> bool:
-    """Whether a camera gave an image, grey or B, G, R, of 8 bits."""
-    is_array = isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.size > 0
-    return is_array and (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3))
 
 
 def _check_new(recording: Path) -> None:

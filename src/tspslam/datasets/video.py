@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,19 +16,13 @@ from ..types import FloatArray, Image, RawRig, Rig, StereoPair
 from ..vision.calibration.formats import read_stereo, read_stereo_calibration
 from ._pairing import NANOSECONDS, checked_index, pair_by_stamp
 from ._reader import Reader
+from ._stereo_layouts import LAYOUTS, check_layout, half_size, halves, likely
 from ._video import VideoFile
 
-LAYOUTS = ("side-by-side", "over-under", "alternate")
-"""How both images are in one video: left and right half, upper and lower half, or frame after frame; left first."""
-_WIDE, _TALL = 2.2, 1.15  # width / height: above it two images are beside each other, below it on top (16:9, 4:3, 5:4)
 _GAP = 1.5  # of the median step: a longer one lacks a frame
 _SAME_RATE = 1.01  # between two videos: clocks differ by far less
 _FROZEN = 2  # frames that are the one before them: a single one may be what a camera doubled
 _SLOWEST, _FASTEST = 0.01, 1e5  # frames a second
-_HALVES: dict[str, Callable[[Image], tuple[Image, Image]]] = {
-    "side-by-side": lambda image: (image[:, : image.shape[1] // 2], image[:, image.shape[1] // 2 :]),
-    "over-under": lambda image: (image[: image.shape[0] // 2], image[image.shape[0] // 2 :]),
-}
 Paths = PathLike | Sequence[PathLike]
 
 
@@ -123,8 +117,8 @@ class VideoImages:
             If the file is not what it was.
         """
         left, right = self._pairs[checked_index(index, len(self))]
-        if self.layout in _HALVES:
-            yield from map(np.ascontiguousarray, _HALVES[self.layout](self._files[0][left]))
+        if self.layout in LAYOUTS[:2]:
+            yield from map(np.ascontiguousarray, halves(self._files[0][left], self.layout))
         else:
             yield self._files[0][left]
             yield self._files[-1][right]
@@ -135,7 +129,7 @@ class VideoImages:
         if len(times) == 2:
             return _by_time(self._files, times)
         count = len(times[0])
-        if self.layout in _HALVES:
+        if self.layout in LAYOUTS[:2]:
             return [(k, k) for k in range(count)], []
         if count < 2:
             raise bad_input(self._files[0].path, "has a single frame", "alternate ones, left and right")
@@ -278,87 +272,6 @@ def _read_cameras(calib: PathLike, size: tuple[int, int]) -> Rig | RawRig:
         with contextlib.suppress(InputError):
             return read_stereo(calib)
         raise
-
-
-def halves(image: Image, layout: str) -> tuple[Image, Image]:
-    """Divide a frame into the left and the right image.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-        The frame.
-    layout : str
-        ``"side-by-side"`` or ``"over-under"``.
-
-    Returns
-    -------
-    tuple of 2 (h, w) or (h, w, 3) uint8
-        Half as wide, or half as high; views of the frame.
-    """
-    return _HALVES[layout](image)
-
-
-def half_size(size: tuple[int, int], layout: str | None, where: PathLike) -> tuple[int, int]:
-    """Return the size of the images in a frame of a layout.
-
-    Parameters
-    ----------
-    size : tuple of 2 int
-        Width and height of the frame, px.
-    layout : str or None
-        One of `LAYOUTS`; None for a frame that is one image.
-    where : str or path
-        What to name in the error.
-
-    Returns
-    -------
-    tuple of 2 int
-        px.
-
-    Raises
-    ------
-    InputError
-        If the side that is divided is odd.
-    """
-    for axis, (each, side) in enumerate((("side-by-side", "width"), ("over-under", "height"))):
-        if layout == each and size[axis] % 2:
-            raise bad_input(where, f"has the {side} {size[axis]} px, which is odd", f"two halves, as {layout} has them")
-    return size[0] // (1 + (layout == "side-by-side")), size[1] // (1 + (layout == "over-under"))
-
-
-def likely(size: tuple[int, int]) -> str:
-    """Return words for the layout that the shape of a frame suggests.
-
-    Parameters
-    ----------
-    size : tuple of 2 int
-        Width and height of the frame, px.
-
-    Returns
-    -------
-    str
-        Empty where the shape is that of one image.
-    """
-    ratio = size[0] / size[1]
-    layout = "side-by-side" if ratio > _WIDE else "over-under" if ratio < _TALL else ""
-    return layout and f" ({layout} is likely, by its shape)"
-
-
-def check_layout(layout: str | None) -> None:
-    """Refuse a layout that is none.
-
-    Parameters
-    ----------
-    layout : str or None
-        What was given; None is no layout.
-
-    Raises
-    ------
-    InputError
-        If it is none of `LAYOUTS`.
-    """
-    if layout is not None and layout not in LAYOUTS:
-        raise InputError(one_line(f"layout is {repr(layout)[:60]}, expected {' or '.join(LAYOUTS)}"))
 
 
 def _places(paths: Paths, layout: str | None) -> list[Path]:
