@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ...types import FloatArray
 from ..se3 import inverse, rotation_angle
 from .relative import Delta, DistanceErrors, KittiErrors
@@ -16,7 +17,8 @@ _KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # m: 
 _KITTI_STEP = 10  # poses from one start to the next: a second of KITTI's
 
 
-class Motions(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Motions(Brief):
     """Matched poses, (M, 4, 4), estimated and true; the stamps of the estimated, s, and the numbers of their frames."""
 
     P: FloatArray
