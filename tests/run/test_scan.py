@@ -251,10 +251,11 @@ def test_bad_stamps_are_refused(drive, tmp_path, stamps, said):
 
 
 def test_scans_in_another_unit_are_told(drive, tmp_path):
-    first, *others = scans_of(drive)
+    folder, _ = drive
+    first, *others = scans_of(folder)
     rows = np.fromfile(first, "<f4").reshape(-1, 4)
     (tmp_path / first.name).write_bytes(np.concatenate([rows, rows * np.float32([1000, 1000, 1000, 1])]).tobytes())
-    found = map_scans(drive / "run", [tmp_path / first.name, *others], drive / "extrinsics.yaml")
+    found = map_scans(folder / "run", [tmp_path / first.name, *others], folder / "extrinsics.txt")
     (said,) = found.doubts
     assert said.startswith(str(tmp_path / first.name))
     assert "over 2000 m from the scanner" in said

@@ -144,7 +144,12 @@ def doubled(echoes):
     behind = np.repeat(echoes.xyz, 2, axis=0)
     behind[1::2] = (1.3 * behind[1::2]).astype(np.float32)  # rounded as in files
     yield behind, ring
-    yield behind * (1, -1, 1), ring
+    turn = np.radians(0.1)  # so that no column is at the seam of azimuths
+    x, y = (
+        np.cos(turn) * behind[:, 0] - np.sin(turn) * behind[:, 1],
+        np.sin(turn) * behind[:, 0] + np.cos(turn) * behind[:, 1],
+    )
+    yield np.column_stack([x, -y, behind[:, 2]]), ring
 
 
 @pytest.mark.parametrize("has_rings", [True, False])

@@ -93,7 +93,7 @@ class DepthReader:
     def looked_at(self) -> list[tuple[float, ...]]:
         """Of a few maps: median depth (m), shares of known pixels, of these that fly, out of range; scatter."""
         count = len(self._names)
-        found = []
+        found: list[tuple[float, ...]] = []
         for index in sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))}):
             try:
                 depth = self._metres(index)
