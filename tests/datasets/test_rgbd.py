@@ -382,3 +382,8 @@ def test_kinects_noise_is_as_wide_as_its_law() -> None:
     depth = np.full((200, 200), 3.0) + np.linspace(0, 0.3, 200)
     off = spoiled(depth, "structured_light", np.random.default_rng(0)) - depth
     assert np.std(off) == pytest.approx(float(SENSORS["structured_light"].sigma(3.15)), rel=0.1)
+
+
+def test_a_sensor_that_is_none_is_refused_in_one_line(small: Path) -> None:
+    with pytest.raises(InputError, match=r"sensor is .*, expected a DepthSensor: tspslam\.vision"):
+        RgbdSequence(small, sensor="kinect.")  # type: ignore[arg-type]

@@ -118,7 +118,18 @@ def connect_scan(scan: Scan, surface: SurfaceKind = "range") -> Surface:
 
 
 def far_points(scan: Scan) -> str:
-    """Say how many points of a scan are farther than a scanner measures, where that makes its unit doubtful."""
+    """Say how many points of a scan are farther than a scanner measures, where that makes its unit doubtful.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+
+    Returns
+    -------
+    str
+        A line; empty where nothing is to be said.
+    """
     distance = np.linalg.norm(scan.xyz, axis=1)
     far = int((distance > FARTHEST).sum())
     if far <= FAR_SHARE * len(scan):
