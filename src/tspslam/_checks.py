@@ -21,6 +21,7 @@ _WAYS = {
     "Rig": "tspslam.load_rig(path) reads one from a file",
     "RawRig": "tspslam.read_calibration(path).cameras is one, where the file has two raw cameras",
     "Camera": "tspslam.Camera(fx, fy, cx, cy, width, height) is one",
+    "DepthSensor": "tspslam.vision.depth.sensor.DepthSensor(quadratic=1.4e-3), say",
     "Cloud": "tspslam.reconstruct(pair) gives one",
     "Surface": "tspslam.delaunay_surface(cloud) gives one",
     "Complex": "tspslam.build_complex(faces) gives one",
@@ -87,7 +88,8 @@ def _is_path(value: Any) -> bool:
 def require(value: Any, kind: type, what: str) -> None:
     """Refuse what is not of one of our data classes; the line says how to come by one."""
     if not isinstance(value, kind):
-        raise InputError(f"{what} is {told(value)}, expected a {kind.__name__}: {_WAYS[kind.__name__]}")
+        way = f": {_WAYS[kind.__name__]}" if kind.__name__ in _WAYS else ""
+        raise InputError(f"{what} is {told(value)}, expected a {kind.__name__}{way}")
 
 
 def real_array(values: ArrayLike, what: str, shape: str) -> NDArray[Any]:

@@ -296,6 +296,8 @@ def spoil_depths(value: int, kind: type = np.uint16) -> Callable[[Path], None]:
     (spoil_depths(100), "have a median of 0.02 m, expected 0.4 to 10 m: is the unit right"),
     (lambda folder: (folder / "calib.yaml").unlink(), "holds no calibration; expected calib.yaml"),
     (lambda folder: (folder / "depth.txt").write_text("1 ../secret.png\n"), "lists ../secret.png; expected files below"),
+    (lambda folder: (folder / "rgb.txt").write_text(f"1 rgb/{'a' * 5000}.png\n"), r"rgb.txt: lists rgb/aaa.*too long"),
+    (lambda folder: (folder / "depth.txt").write_text(f"1 {'a/' * 4000}b\n"), r"depth.txt: lists a/a/.*too long"),
     (lambda folder: (folder / "rgb.txt").write_text("nan rgb/1.png\n"), "rgb.txt: line 1 has a value that is not finite"),
     (lambda folder: (folder / "rgb.txt").write_text("# nothing\n"), "rgb.txt: has no line of values"),
     (lambda folder: (folder / "rgb.txt").write_text("1 rgb/none.png\n"), "none of which is there"),
@@ -320,6 +322,21 @@ def test_few_depths_are_said(small: Path) -> None:
         Image.fromarray(depth).save(file)
     (doubt,) = RgbdSequence(small).doubts()
     assert doubt["code"] == "depth_holes"
+
+
+def test_depths_beyond_what_the_sensor_measures_are_said(small: Path) -> None:
+    (doubt,) = (each for each in RgbdSequence(small, unit=0.001).doubts() if each["code"] == "depth_range")
+    assert "outside of the 0.4 to 10 m that the sensor measures (median" in doubt["message"]
+    assert "depth_range" not in {each["code"] for each in RgbdSequence(small).doubts()}
+
+
+def test_many_stamps_that_do_not_pair_are_told_in_a_moment(small: Path) -> None:
+    """As many as 200 000 x 200 000 differences would be 300 GB."""
+    for name, first in (("rgb", 0.0), ("depth", 1e5)):
+        file = (small / f"{name}.txt").read_text().split()[-1]
+        (small / f"{name}.txt").write_text("".join(f"{first + 0.1 * k:.1f} {file}\n" for k in range(200_000)))
+    with pytest.raises(InputError, match=r"the nearest depth map is [0-9.e+]+ s from an image in the median"):
+        RgbdSequence(small)
 
 
 def test_depths_that_scatter_more_than_the_sensor_are_said(small: Path) -> None:
@@ -365,3 +382,8 @@ def test_kinects_noise_is_as_wide_as_its_law() -> None:
     depth = np.full((200, 200), 3.0) + np.linspace(0, 0.3, 200)
     off = spoiled(depth, "structured_light", np.random.default_rng(0)) - depth
     assert np.std(off) == pytest.approx(float(SENSORS["structured_light"].sigma(3.15)), rel=0.1)
+
+
+def test_a_sensor_that_is_none_is_refused_in_one_line(small: Path) -> None:
+    with pytest.raises(InputError, match=r"sensor is .*, expected a DepthSensor: tspslam\.vision"):
+        RgbdSequence(small, sensor="kinect.")  # type: ignore[arg-type]

@@ -204,6 +204,35 @@ def test_las_headers_are_held_against_the_file(tmp_path):
                 read_scan(tmp_path / name)
 
 
+def test_las_records_and_offsets_are_held_against_the_file(tmp_path):
+    pytest.importorskip("lazrs")
+    for name in ("a.las", "a.laz"):
+        write_las(tmp_path / name, XYZ.astype(np.float64), STRENGTH.astype(np.float64))
+        data = bytearray((tmp_path / name).read_bytes())
+        for at, layout, value, said in (
+            (100, "<I", (1 << 32) - 1, "claims 4294967295 records before its points"),
+            (235, "<QI", (len(data), 1 << 31), "claims 2147483648 records from byte"),
+            (235, "<QI", (1 << 62, 1), "claims 1 records from byte"),
+            (96, "<I", 300, "has a header of 375 bytes and points from byte 300"),
+            (94, "<H", 20, "has a header of 20 bytes"),
+        ):
+            broken = data.copy()
+            struct.pack_into(layout, broken, at, *np.atleast_1d(value).tolist())
+            (tmp_path / name).write_bytes(broken)
+            with pytest.raises(InputError, match=said):
+                read_scan(tmp_path / name)
+
+
+def test_packed_columns_that_become_far_more_than_their_file_are_refused(tmp_path):
+    """Bytes that LZF packs 88 : 1, each a number of eight bytes once it is read."""
+    points, names = 40_000_000, ("x", "y")
+    packed = bytes(1 << 20)
+    head = header("binary_compressed", dict.fromkeys(names, "u1"), points)
+    (tmp_path / "a.pcd").write_bytes(head + struct.pack("<II", len(packed), 2 * points) + packed)
+    with pytest.raises(InputError, match="brings all arrays to 720000000 bytes"):
+        read_scan(tmp_path / "a.pcd")
+
+
 SAMPLES = {name: write for name, write in WRITERS.items() if not name.endswith("csv")}
 
 

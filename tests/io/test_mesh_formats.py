@@ -3,6 +3,7 @@
 import base64
 import json
 import struct
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tspslam import InputError
-from tspslam.io import read_mesh
+from tspslam.io import _gltf_data, read_mesh
 from tspslam.io.glb import Drawn, write_glb
 
 XYZ = np.array([[0, 0, 5], [1, 0, 5], [1, 1, 5], [0, 1, 6]], float)
@@ -204,6 +205,11 @@ GLTF_FAULTS = {
     "where 61 are claimed": gltf(buffers=[gltf()["buffers"][0] | {"byteLength": 61}]),
     "damaged base64": gltf(buffers=[{"byteLength": 60, "uri": "data:application/octet-stream;base64,?"}]),
     "in base64 goes": gltf(buffers=[{"byteLength": 60, "uri": "data:text/plain,abc"}]),
+    "scale that is not 3 finite": gltf(nodes=[{"mesh": 0, "scale": [10**400, 1, 1]}]),
+    "translation that is not 3": gltf(nodes=[{"mesh": 0, "translation": [True, 1, 1]}]),
+    "with weights and targets": gltf(meshes=[primitive(targets=[{}])[0] | {"weights": [0, 0.5]}]),
+    "where a file beside it": gltf(buffers=[{"byteLength": 60, "uri": "a%00b"}]),
+    "where a file beside it or below": gltf(buffers=[{"byteLength": 60, "uri": "a\ud800"}]),
     "no faces": gltf(nodes=[{}]),
     "3 for each triangle": gltf(accessors=[gltf()["accessors"][0], gltf()["accessors"][1] | {"count": 5}]),
     "no list of objects": gltf(nodes=3),
@@ -216,6 +222,34 @@ GLTF_FAULTS["refers to bufferViews 9 of 2"] = GLTF_FAULTS.pop("of -1")
 @pytest.mark.parametrize("said", GLTF_FAULTS)
 def test_each_fault_of_a_gltf_is_named(tmp_path, said):
     assert said in faults(saved(tmp_path, "a.gltf", json.dumps(GLTF_FAULTS[said]).encode()))
+
+
+def test_weights_of_nought_leave_a_mesh_as_it_is(tmp_path):
+    tree = gltf(meshes=[primitive(targets=[{}])[0] | {"weights": [0, 0.0]}])
+    assert not faults(saved(tmp_path, "a.gltf", json.dumps(tree).encode()))
+
+
+@pytest.mark.parametrize("is_chain", [True, False])
+def test_each_list_is_checked_once_however_many_nodes_there_are(tmp_path, monkeypatch, is_chain):
+    count, checked = 3000, Counter()
+    links = [{"children": [k + 1]} for k in range(count - 1)] if is_chain else [{} for _ in range(count - 1)]
+    tree = gltf(nodes=[*links, {"mesh": 0}], scenes=[{"nodes": [0] if is_chain else list(range(count))}])
+    nodes_of = _gltf_data.nodes_of
+
+    def counted(tree, key):
+        checked[key] += 1
+        return nodes_of(tree, key)
+
+    monkeypatch.setattr(_gltf_data, "nodes_of", counted)
+    assert not faults(saved(tmp_path, "a.gltf", json.dumps(tree).encode()))
+    assert set(checked.values()) == {1}
+
+
+def test_primitives_without_triangles_count_wherever_they_are_placed(tmp_path):
+    dots = [{"mode": 0, "attributes": {}}] * 2000
+    nodes = [{"mesh": 0}] * 2000
+    tree = gltf(meshes=[{"primitives": dots}], nodes=nodes, scenes=[{"nodes": list(range(2000))}])
+    assert "where a file of this size may take" in faults(saved(tmp_path, "a.gltf", json.dumps(tree).encode()))
 
 
 def test_meshes_that_many_nodes_share_have_one_budget(tmp_path):

@@ -62,12 +62,19 @@ def test_a_star_is_covered_once_and_keeps_its_winding(k, seed):
         ([0, 1, 2, 0], "face 1 has a vertex twice"),
         ([0, 1], "face 1 has 2 corners, where 3 or more go"),
         ([0, 1, 9], r"face 1 has corners \[0, 1, 9\], where 0 to 8 go"),
+        ([0, 3, 1, 2], "face 1 has 4 corners, and no area"),  # a bow-tie of two equal halves
         ([0, 6, 3, 2, 5, 4, 7, 1], "face 1 has 8 corners, and no fan"),
     ],
 )
 def test_a_face_that_is_none_is_named(face, said):
     with pytest.raises(InputError, match=said):
         cut([0, 1, 2], face)
+
+
+def test_quads_in_one_line_are_refused():
+    line = np.outer(np.arange(5.0, 9.0), (1, 2, 3))
+    with pytest.raises(InputError, match="face 0 has 4 corners, and no area: they are in one line"):
+        cut([0, 1, 2, 3], xyz=line)
 
 
 def test_places_as_far_away_as_numbers_go_are_cut_or_refused():

@@ -135,6 +135,20 @@ def test_few_points_in_the_image_are_doubted_and_dropped_rows_told(made, tmp_pat
     assert f"{3 * len(rows)} of {len(many)} rows" in said["scan_dropped"]
 
 
+@pytest.mark.parametrize(("share", "is_said"), [(0.03, True), (0.001, False)])
+def test_points_farther_than_a_scanner_measures_are_told(made, tmp_path, share, is_said):
+    folder, _ = made
+    rows = np.fromfile(folder / "scan.bin", "<f4").reshape(-1, 4)
+    far = rows[np.random.default_rng(0).random(len(rows)) < share] * np.float32([1000, 1000, 1000, 1])
+    np.concatenate([rows, far]).tofile(folder / "far.bin")
+    run = filtered(folder, tmp_path / "run", "far.bin").run
+    said = {each["code"]: each["message"] for each in run["warnings"]}
+    assert ("scan_far" in said) == is_said
+    if is_said:
+        assert f"{(np.linalg.norm(far[:, :3], axis=1) > 2000).sum()} of {len(rows) + len(far)}" in said["scan_far"]
+        assert "is it in another unit?" in said["scan_far"]
+
+
 def test_crust_is_another_surface_and_settings_are_checked(made, tmp_path):
     folder, _ = made
     ball = synthetic.sphere(1.0, rows=16).vertices
@@ -234,6 +248,17 @@ def test_bad_stamps_are_refused(drive, tmp_path, stamps, said):
     (tmp_path / "stamps.txt").write_text(stamps)
     with pytest.raises(InputError, match=said):
         map_scans(folder / "run", scans_of(folder), folder / "extrinsics.txt", stamps=tmp_path / "stamps.txt")
+
+
+def test_scans_in_another_unit_are_told(drive, tmp_path):
+    folder, _ = drive
+    first, *others = scans_of(folder)
+    rows = np.fromfile(first, "<f4").reshape(-1, 4)
+    (tmp_path / first.name).write_bytes(np.concatenate([rows, rows * np.float32([1000, 1000, 1000, 1])]).tobytes())
+    found = map_scans(folder / "run", [tmp_path / first.name, *others], folder / "extrinsics.txt")
+    (said,) = found.doubts
+    assert said.startswith(str(tmp_path / first.name))
+    assert "over 2000 m from the scanner" in said
 
 
 def test_scans_without_a_place_are_told(drive, tmp_path):

@@ -137,6 +137,45 @@ def test_faces_do_not_depend_on_the_order_of_the_rows(echoes):
     assert {tuple(sorted(face)) for face in one.tolist()} == {tuple(sorted(face)) for face in other.tolist()}
 
 
+def doubled(echoes):
+    """Rows twice; second returns behind the first of each beam; both from a scanner that turns the other way."""
+    ring = np.repeat(echoes.ring, 2)
+    yield np.repeat(echoes.xyz, 2, axis=0), ring
+    behind = np.repeat(echoes.xyz, 2, axis=0)
+    behind[1::2] = (1.3 * behind[1::2]).astype(np.float32)  # rounded as in files
+    yield behind, ring
+    turn = np.radians(0.1)  # so that no column is at the seam of azimuths
+    x, y = (
+        np.cos(turn) * behind[:, 0] - np.sin(turn) * behind[:, 1],
+        np.sin(turn) * behind[:, 0] + np.cos(turn) * behind[:, 1],
+    )
+    yield np.column_stack([x, -y, behind[:, 2]]), ring
+
+
+@pytest.mark.parametrize("has_rings", [True, False])
+def test_second_returns_and_doubled_rows_change_no_face(echoes, has_rings):
+    for xyz, ring in doubled(echoes):
+        once = scan_surface(xyz[::2], ring[::2] if has_rings else None)
+        twice = scan_surface(xyz, ring if has_rings else None)
+        assert (twice.merged, twice.rings) == (len(echoes.xyz), once.rings)
+        np.testing.assert_array_equal(twice.faces, 2 * once.faces)
+
+
+def test_doubled_directions_in_no_ring_change_no_face(echoes):
+    turned = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    xyz = (echoes.xyz @ turned.T)[np.random.default_rng(1).permutation(len(echoes.xyz))][:4000]
+    once, twice = scan_surface(xyz), scan_surface(np.concatenate([1.2 * xyz, xyz]))
+    assert (twice.rings, twice.merged) == (0, 4000)
+    assert {tuple(sorted(face)) for face in twice.faces - 4000} == {tuple(sorted(face)) for face in once.faces}
+
+
+def test_returns_on_both_sides_of_the_seam_are_one_beam():
+    turn = np.linspace(-np.pi, np.pi, 91)  # the last is the first
+    xyz = np.concatenate([np.column_stack([np.cos(turn), np.sin(turn), np.full(91, z)]) for z in (-0.3, -0.2, -0.1, 0)])
+    surface = scan_surface(xyz, np.repeat(np.arange(4), 91))
+    assert (surface.merged, len(surface.faces)) == (4, 2 * 3 * 90)
+
+
 def test_missing_returns_leave_a_hole(rays):
     azimuth = np.degrees(np.arctan2(rays.xyz[:, 1], rays.xyz[:, 0]))
     some = (np.abs(azimuth - 40) > 5) | (rays.ring < 10) | (rays.ring > 20)
@@ -162,7 +201,7 @@ def test_bad_input_is_refused(xyz, ring, said):
 def test_points_that_span_nothing_are_told():
     with pytest.raises(GeometryError, match="2 points"):
         scan_surface(np.eye(3)[:2])
-    with pytest.raises(GeometryError, match="in the image"):
+    with pytest.raises(GeometryError, match="points are in 1 directions"):
         scan_surface(np.outer(np.arange(1.0, 9.0), (1, 2, 3)))
     with pytest.raises(InputError, match="max_gap is 0"):
         ScanSurface(max_gap=0.5)

@@ -125,6 +125,8 @@ def test_motions_are_inverted_and_small_angles_exact():
 
 
 GOOD = path(4)
+LAST = np.zeros((4, 4, 4))
+LAST[1:, 3, 3] = 1
 BAD = {
     "shapes": (Trajectory(GOOD.stamp[:2], GOOD.T_world_camera), GOOD, {}),
     "do not increase": (Trajectory(GOOD.stamp[::-1], GOOD.T_world_camera), GOOD, {}),
@@ -133,6 +135,19 @@ BAD = {
     "0 of 4 poses have a true one": (Trajectory(GOOD.stamp + 100, GOOD.T_world_camera), GOOD, {}),
     "expected > 0 m": (GOOD, GOOD, {"distances": [0]}),
     ">= 0 s": (GOOD, GOOD, {"max_stamp_difference": -1}),
+    "last row 0 0 0 2, expected 0 0 0 1": (GOOD, Trajectory(GOOD.stamp, GOOD.T_world_camera + LAST), {}),
+    "offset is the text 'soon'": (GOOD, GOOD, {"offset": "soon"}),
+    "offset is NoneType": (GOOD, GOOD, {"offset": None}),
+    "offset is bool": (GOOD, GOOD, {"offset": True}),
+    "offset is int, expected a number": (GOOD, GOOD, {"offset": 10**400}),
+    "offset is float64 of shape": (GOOD, GOOD, {"offset": np.zeros(2)}),
+    "max_stamp_difference is NoneType": (GOOD, GOOD, {"max_stamp_difference": None}),
+    "max_stamp_difference is the text '1'": (GOOD, GOOD, {"max_stamp_difference": "1"}),
+    "deltas is the text '10m'": (GOOD, GOOD, {"deltas": "10m"}),
+    "deltas is int": (GOOD, GOOD, {"deltas": 5}),
+    "delta 5 is no length": (GOOD, GOOD, {"deltas": [5]}),
+    "align is float64 of shape": (GOOD, GOOD, {"align": np.zeros(2)}),
+    "align is list": (GOOD, GOOD, {"align": ["se3"]}),
     "not finite": (Trajectory(GOOD.stamp * np.inf, GOOD.T_world_camera), GOOD, {}),
 }
 

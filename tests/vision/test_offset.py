@@ -58,8 +58,18 @@ def swinging(stamps):
     return Trajectory(stamps, poses)
 
 
+def nudged(stamps, noise):
+    """A camera that stands, but for one push within a second."""
+    poses = np.tile(np.eye(4), (len(stamps), 1, 1))
+    poses[:, 0, 3] = np.interp(stamps, [14, 14.2, 14.8], [0, 0.4, 1])
+    poses[:, :3, 3] += np.random.default_rng(len(stamps)).normal(0, noise, (len(stamps), 3))
+    return Trajectory(stamps, poses)
+
+
 TIMES = np.arange(0, 60, 0.05)
 REFUSED = {
+    "100 % of what fixes it is in one of 8 parts": (late(nudged(TIMES[100:1100], 0), 3), nudged(TIMES, 0)),
+    "9?[0-9]+ % of what fixes it is in one": (late(nudged(TIMES[100:1100], 1e-4), 3), nudged(TIMES, 1e-4)),
     "turn and move evenly": (even(TIMES), even(TIMES)),
     "the next best fits nearly as well": (swinging(TIMES), swinging(TIMES)),
     "nearly as well": (walk(TIMES, seed=1), walk(TIMES, seed=9)),

@@ -168,6 +168,7 @@ def scans_command(
     found = map_scans(run, scans, extrinsics, stamps=stamps, voxel=voxel)
     lacking = "the run has no pose for it, of its frame or within 0.1 s on both sides of its time"
     note(*(f"warning: {each}: {lacking}" for each in found.unplaced))
+    note(*(f"warning: {each}" for each in found.doubts))
     write_shown(found.map_, target, _kind(target), inputs, is_forced=force)
     map_, seen = found.map_, int(found.map_.signals.vertex_ok.sum())
     counts = {"scans": len(scans) - len(found.unplaced), "points": found.points, "vertices": len(map_)}

@@ -25,6 +25,7 @@ _LOOKED_AT = 9  # maps that tell whether depths make sense, evenly spread
 _BEYOND = 3.0  # times the sensor's range in which the median depth must lie
 _WIDE = 3.0  # times the sensor's spread, of neighbours' scatter, from which something is said
 _FEW_KNOWN, _MANY_FLY = 0.2, 0.2  # shares of the pixels, of which something is said
+_MANY_OUTSIDE = 0.25  # of the depths, outside of the sensor's range, of which something is said
 _MANY_APART = 0.25  # of the interval between images, of which something is said
 
 
@@ -89,10 +90,10 @@ class DepthReader:
         self.rig = virtual_rig(plain, sensor)
 
     @cached_property
-    def looked_at(self) -> list[tuple[float, float, float, float]]:
-        """Of a few maps: median depth (m), share of the pixels that are known, share of these that fly, scatter."""
+    def looked_at(self) -> list[tuple[float, ...]]:
+        """Of a few maps: median depth (m), shares of known pixels, of these that fly, out of range; scatter."""
         count = len(self._names)
-        found = []
+        found: list[tuple[float, ...]] = []
         for index in sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))}):
             try:
                 depth = self._metres(index)
@@ -102,7 +103,8 @@ class DepthReader:
             flies = flying_pixels(depth, self._focal, self.sensor)
             median = float(np.median(depth[known])) if known.any() else np.nan
             flown = float(flies.sum() / max(known.sum(), 1))
-            found.append((median, float(known.mean()), flown, scatter(depth, self.sensor)))
+            outside = float(1 - self._in_range(depth[known]).mean()) if known.any() else np.nan
+            found.append((median, float(known.mean()), flown, outside, scatter(depth, self.sensor)))
         return found
 
     def check(self, where: object) -> None:
@@ -122,7 +124,9 @@ class DepthReader:
 
     def describe(self) -> dict[str, Any]:
         """What ``run.json`` says of the depths."""
-        _, known, flown, wide = (float(np.nanmean(column)) for column in zip(*self.looked_at, strict=True))
+        median, known, flown, outside, wide = (
+            float(np.nanmean(column)) for column in zip(*self.looked_at, strict=True)
+        )
         return {
             "sensor": dict(vars(self.sensor)),
             "unit_m": 1.0 if self.unit is None else self.unit,
@@ -131,6 +135,8 @@ class DepthReader:
             "virtual_baseline_m": self.rig.baseline,
             "known_share": known,
             "flying_share": flown,
+            "median_m": median,
+            "outside_share": outside,
             "scatter": wide,
         }
 
@@ -145,6 +151,11 @@ class DepthReader:
         if found["flying_share"] > _MANY_FLY:
             said = f"{100 * found['flying_share']:.0f} % of the depths belong to no surface: is the sensor another one?"
             yield {"code": "depth_flying", "message": said}
+        if found["outside_share"] > _MANY_OUTSIDE:
+            reach = f"{self.sensor.nearest:g} to {self.sensor.farthest:g} m that the sensor measures"
+            said = f"{100 * found['outside_share']:.0f} % of the depths are outside of the {reach}"
+            said += f" (median {found['median_m']:.4g} m): is the unit right, or the sensor another?"
+            yield {"code": "depth_range", "message": said}
         if found["scatter"] > _WIDE:
             said = f"neighbouring depths scatter {found['scatter']:.1f} times as the sensor should: is it another?"
             yield {"code": "depth_sensor", "message": said}
@@ -165,6 +176,10 @@ class DepthReader:
         pair = StereoPair(image, image, self.rig, stamp, index, name, disparity, bits, sigma=sigma, valid=valid)
         check_pair(pair)
         return pair
+
+    def _in_range(self, depth: FloatArray) -> BoolArray:
+        inside: BoolArray = (depth >= self.sensor.nearest) & (depth <= self.sensor.farthest)
+        return inside
 
     @property
     def _focal(self) -> float:

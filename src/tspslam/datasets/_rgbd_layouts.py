@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._brief import Brief
-from .._files import PathLike, bad_input, one_line
+from .._files import PathLike, bad_input, one_line, reason_of
 from ..io.images import image_size
 from ..io.trajectory import read_trajectory
 from ..types import Camera, FloatArray
@@ -117,7 +117,9 @@ def _tum(folder: Path, calib: PathLike | None) -> RgbdFiles:
     paired = pair_by_stamp(sides[0], sides[1], ("rgb", "depth"), apart=_APART)
     if 2 * len(paired.files) < min(map(len, sides)):
         times = [np.sort(np.array(list(side))) / NANOSECONDS for side in sides]
-        nearest = np.abs(times[0][:, None] - times[1][None, :]).min(axis=1)
+        after = np.searchsorted(times[1], times[0])
+        around = times[1][np.clip([after - 1, after], 0, len(times[1]) - 1)]
+        nearest = np.abs(around - times[0]).min(axis=0)
         said = f"pairs {len(paired.files)} of {len(sides[0])} images with one of {len(sides[1])} depth maps"
         far = f"the nearest depth map is {np.median(nearest):.4g} s from an image in the median"
         raise bad_input(folder, f"{said}: {far}", "stamps of one clock")
@@ -154,7 +156,12 @@ def _inside(path: Path, name: str) -> Path:
     parts = Path(name).parts
     if Path(name).is_absolute() or ".." in parts:
         raise bad_input(path, f"lists {name[:80]}", "files below its own folder")
-    return path.parent / name
+    file = path.parent / name
+    try:
+        file.is_file()
+    except (OSError, ValueError) as error:  # as of a name that is too long, or of a folder that may not be read
+        raise bad_input(path, f"lists {name[:80]} ({reason_of(error)})", "files below its own folder") from error
+    return file
 
 
 def _associated(folder: Path, path: Path, calib: PathLike | None) -> RgbdFiles:

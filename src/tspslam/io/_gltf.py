@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from .._files import PathLike, bad_input
 from ..errors import InputError
 from ..types import FloatArray
-from ._gltf_data import EXPECTED, Document, Tree, nodes_of, pick, reals, whole
+from ._gltf_data import EXPECTED, Document, Tree, nodes_of, reals, whole
 from ._polygons import strip_triangles
 
 _FLIP = np.array([1.0, -1.0, -1.0])  # half a turn about x, as `write_glb` does: from y up, z back to y down, z forward
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of primitives; those below are points and lines
 _INDICES, _FLOATS = (5121, 5123, 5125), (5126,)
 _RIGHT = 1e-3  # that the length of a written quaternion may be off by
+_PRIMITIVE = 1 << 10  # bytes that each counts for wherever it is placed, so that a file has not too many
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_animation_", "KHR_xmp")
 """Extensions that change no place and no triangle."""
 
@@ -58,15 +59,14 @@ def _check_asset(tree: Tree) -> None:
 
 def _parts(document: Document) -> Iterator[_Part]:
     """Primitives of triangles in the scene's nodes, each node once."""
-    tree = document.tree
-    nodes, seen = nodes_of(tree, "nodes"), set[int]()
-    waiting = [(at, np.eye(4)) for at in reversed(_roots(tree, len(nodes)))]
+    seen = set[int]()
+    waiting = [(at, np.eye(4)) for at in reversed(_roots(document))]
     while waiting:
         at, above = waiting.pop()
         if at in seen:
             raise InputError(f"has node {at} in two places, or within itself")
         seen.add(at)
-        node = pick(tree, "nodes", at)
+        node = document.pick("nodes", at)
         with np.errstate(over="ignore", invalid="ignore"):
             T = above @ _motion(node)
         if not np.isfinite(T).all():
@@ -78,12 +78,13 @@ def _parts(document: Document) -> Iterator[_Part]:
             yield from _placed(document, whole(node, "mesh"), T)
 
 
-def _roots(tree: Tree, count: int) -> list[int]:
+def _roots(document: Document) -> list[int]:
     """Nodes of the scene that is shown; without a scene, all that are no child."""
-    if nodes_of(tree, "scenes"):
-        return _numbers_of(pick(tree, "scenes", whole(tree, "scene", 0)), "nodes")
-    children = {child for node in nodes_of(tree, "nodes") for child in _numbers_of(node, "children")}
-    return [at for at in range(count) if at not in children]
+    if document.nodes("scenes"):
+        return _numbers_of(document.pick("scenes", whole(document.tree, "scene", 0)), "nodes")
+    nodes = document.nodes("nodes")
+    children = {child for node in nodes for child in _numbers_of(node, "children")}
+    return [at for at in range(len(nodes)) if at not in children]
 
 
 def _numbers_of(node: Tree, key: str) -> list[int]:
@@ -117,7 +118,10 @@ def _motion(node: Tree) -> NDArray[np.float64]:
 
 
 def _placed(document: Document, at: int, T: NDArray[np.float64]) -> Iterator[_Part]:
-    primitives = nodes_of(pick(document.tree, "meshes", at), "primitives")
+    mesh = document.pick("meshes", at)
+    primitives = nodes_of(mesh, "primitives")
+    document.budget.take(_PRIMITIVE * len(primitives))
+    _check_shape(mesh, primitives, at)
     for number, primitive in enumerate(primitives):
         mode = whole(primitive, "mode", _TRIANGLES, _FAN)
         if mode < _TRIANGLES:
@@ -132,6 +136,14 @@ def _placed(document: Document, at: int, T: NDArray[np.float64]) -> Iterator[_Pa
             raise InputError(f"primitive {number} of mesh {at} has a coordinate that is not finite")
         is_mirrored = np.linalg.det(T[:3, :3]) < 0  # then front faces are wound the other way: section 3.7.4
         yield _Part(placed, faces[:, ::-1] if is_mirrored else faces)
+
+
+def _check_shape(mesh: Tree, primitives: list[Tree], at: int) -> None:
+    """Refuse a mesh that is shown in another shape than that of its positions; weights of 0 leave it as it is."""
+    weights = mesh.get("weights", [])
+    is_moved = not isinstance(weights, list) or any(each not in (0, 0.0) for each in weights)
+    if is_moved and any("targets" in primitive for primitive in primitives):
+        raise InputError(f"has mesh {at} with weights and targets, whose shape is not of its positions alone")
 
 
 def _primitive(document: Document, primitive: Tree, mode: int) -> _Part:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import binascii
-import math
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -45,19 +45,11 @@ def nodes_of(tree: Tree, key: str) -> list[Tree]:
     return found
 
 
-def pick(tree: Tree, key: str, at: int) -> Tree:
-    """One node of a list."""
-    found = nodes_of(tree, key)
-    if not 0 <= at < len(found):
-        raise InputError(f"refers to {key} {at} of {len(found)}")
-    return found[at]
-
-
 def reals(node: Tree, key: str, default: list[float]) -> NDArray[np.float64]:
     """As many finite numbers as the default has."""
     value = node.get(key, default)
     is_list = isinstance(value, list) and len(value) == len(default)
-    if not is_list or not all(isinstance(each, int | float) and abs(each) < math.inf for each in value):
+    if not is_list or not all(type(each) in (int, float) and abs(each) <= sys.float_info.max for each in value):
         raise InputError(f"has a {key} that is not {len(default)} finite numbers")
     return np.array(value, np.float64)
 
@@ -80,17 +72,31 @@ class Document:
         self.budget = Budget(unpacked_limit(len(data)))
         self._folder = Path(path).parent
         self._buffers: dict[int, bytes] = {}
+        self._lists: dict[str, list[Tree]] = {}
+
+    def nodes(self, key: str) -> list[Tree]:
+        """A list of the tree, checked once however often it is asked for."""
+        if key not in self._lists:
+            self._lists[key] = nodes_of(self.tree, key)
+        return self._lists[key]
+
+    def pick(self, key: str, at: int) -> Tree:
+        """One node of such a list."""
+        found = self.nodes(key)
+        if not 0 <= at < len(found):
+            raise InputError(f"refers to {key} {at} of {len(found)}")
+        return found[at]
 
     def array(self, at: int, kind: str, codes: tuple[int, ...]) -> NDArray[Any]:
         """The values of an accessor, (count, components), of one of some types."""
-        accessor = pick(self.tree, "accessors", at)
+        accessor = self.pick("accessors", at)
         code, count = whole(accessor, "componentType"), whole(accessor, "count")
         if accessor.get("type") != kind or code not in codes:
             found = f"{accessor.get('type')!r:.20} of component type {code}"
             raise InputError(f"has accessor {at} of {found}, where {kind} of {', '.join(map(str, codes))} goes")
         if "sparse" in accessor or "bufferView" not in accessor or accessor.get("normalized", False) is not False:
             raise InputError(f"has accessor {at} that is sparse, normalised or without bytes, which is not read")
-        view = pick(self.tree, "bufferViews", whole(accessor, "bufferView"))
+        view = self.pick("bufferViews", whole(accessor, "bufferView"))
         data = self._buffer(whole(view, "buffer"))
         row = np.dtype(_TYPES[code]).itemsize * _SHAPES[kind]
         stride, length = whole(view, "byteStride", row), whole(view, "byteLength")
@@ -111,7 +117,7 @@ class Document:
         return self._buffers[at]
 
     def _read(self, at: int) -> bytes:
-        buffer = pick(self.tree, "buffers", at)
+        buffer = self.pick("buffers", at)
         size, uri = whole(buffer, "byteLength"), buffer.get("uri")
         if uri is None:
             if at or self._binary is None:
@@ -129,9 +135,9 @@ class Document:
         """The file that a buffer names: in the folder of the file, or in one below."""
         name = unquote(uri)
         folder = os.path.realpath(self._folder)
-        place = os.path.realpath(os.path.join(folder, name))
         is_plain = name.isprintable() and ":" not in name and "\\" not in name and not name.startswith("/")
-        if not is_plain or os.path.commonpath([folder, place]) != folder:
+        place = os.path.realpath(os.path.join(folder, name)) if is_plain else ""  # only of what is a name at all
+        if not place or os.path.commonpath([folder, place]) != folder:
             raise InputError(f"has a buffer at {uri!r:.80}, where a file beside it or below goes")
         return Path(place)
 

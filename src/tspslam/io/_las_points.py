@@ -16,7 +16,9 @@ from ..types import FloatArray
 from .las import _module
 
 _SMALLEST = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}  # bytes of each format's row
-_LEGACY, _NEW = 227, 375  # bytes of the header of LAS 1.0 to 1.2, and of 1.4
+_HEADERS = (227, 227, 227, 235, 375)  # bytes of the header of LAS 1.0 to 1.4
+_LEGACY, _NEW = _HEADERS[0], _HEADERS[4]
+_RECORD, _LONG_RECORD = 54, 60  # bytes of the head of a record before the points, and of one after them
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,27 @@ def parse_header(data: bytes) -> Header:
         raise InputError(f"has points of format {kind} in {row_size} bytes")
     if not np.isfinite(numbers).all():
         raise InputError("has a scale or an offset that is not finite")
+    _check_records(data, minor, start)
     there = unpacked_limit(len(data)) if is_packed else len(data) - start
     if start > len(data) or count * row_size > there:
         raise InputError(f"claims {count} points of {row_size} bytes, more than the file can hold")
     return Header(start, count, row_size, is_packed, numbers[:3], numbers[3:])
+
+
+def _check_records(data: bytes, minor: int, start: int) -> None:
+    """Hold the header, and how many records are claimed before and after the points, against the size of the file."""
+    size, count = struct.unpack_from("<H4xI", data, 94)
+    if not _HEADERS[minor] <= size <= start:
+        raise InputError(
+            f"has a header of {size} bytes and points from byte {start}, where {_HEADERS[minor]} or more go"
+        )
+    if count * _RECORD > start - size:
+        raise InputError(f"claims {count} records before its points, more than {start - size} bytes can hold")
+    if minor < 4 or len(data) < _NEW:
+        return
+    first, count = struct.unpack_from("<QI", data, 235)
+    if count and (first < start or count * _LONG_RECORD > len(data) - first):
+        raise InputError(f"claims {count} records from byte {first}, more than the file can hold")
 
 
 def _rows(data: bytes, header: Header) -> tuple[NDArray[np.int32], NDArray[np.uint16]]:

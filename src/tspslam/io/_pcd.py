@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import unpacked_limit
 from .._text import is_plain, is_whole
 from ..errors import InputError
+from ._vtk_data import Budget
 from ._words import words_of
 
 LARGEST_HEADER = 1 << 14  # bytes
@@ -177,6 +179,8 @@ def _unpacked(body: memoryview, header: Header) -> memoryview:
     if packed > len(body) - 8 or whole != header.points * header.row_size or whole > _EXPANSION * packed:
         there = f"{len(body) - 8} bytes of data and {header.points} points of {header.row_size} bytes"
         raise InputError(f"claims {packed} bytes that become {whole}, with {there}")
+    columns = sum(field.count == 1 for field in header.fields)
+    Budget(unpacked_limit(packed)).take(whole + 8 * columns * header.points)  # columns become float64
     out = np.empty(whole, np.uint8)
     if not unpack(np.frombuffer(body[8 : 8 + packed], np.uint8), out):
         raise InputError("has compressed data that are damaged")

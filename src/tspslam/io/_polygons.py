@@ -78,6 +78,10 @@ def _tips(xyz: FloatArray, corners: NDArray[np.int32], rows: NDArray[np.int64]) 
         size = np.abs(points).max(axis=(1, 2))
         points = points / np.where(size > 0, size, 1)[:, None, None]
     area = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)  # Newell: twice it, along the normal
+    flat = np.flatnonzero((size > 0) & (np.linalg.norm(area, axis=1) <= _THIN))
+    if flat.size:
+        said = f"face {rows[flat[0]]} has {k} corners, and no area"
+        raise InputError(f"{said}: they are in one line, or its sides cross")
     tip = np.full(len(rows), -1)
     for least in (_THIN, -_THIN):  # flat triangles only where no fan is without
         tried = (_quad_tips(points, area, least),) if k == 4 else range(min(k, _TIPS))

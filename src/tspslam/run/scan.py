@@ -27,6 +27,8 @@ from .mesh import filter_record, write_filtered
 from .pipeline import RunResult
 from .record import array_hash, hash_of
 
+FARTHEST, FAR_SHARE = 2e3, 0.01
+"""m, and the share of points beyond from which a scan's unit is doubted: no scanner of a car or robot measures 1 km."""
 SurfaceKind = Literal["range", "crust"]
 LEAST_SHARE = 0.01
 """Share of a scan's points in the image below which its pose is doubted: of a full turn KITTI's cameras see 0.15."""
@@ -92,7 +94,7 @@ def filter_scan(
         raise InputError(f"{scan}: {error}") from error
     record = filter_record(frame, used, _warnings(frame, echoes, inside))
     record["scan"] = {"points": len(echoes), "dropped": echoes.dropped, "in_image": inside, "surface": surface}
-    record["scan"] |= {"rings": made.rings} if isinstance(made, RangeSurface) else {}
+    record["scan"] |= {"rings": made.rings, "merged": made.merged} if isinstance(made, RangeSurface) else {}
     given = [array_hash(values) for values in (pixels, points, made.faces)]
     settings = {"command": "filter", "filter": vars(stage), "input": hash_of([given, vars(rig)])}
     return write_filtered(out, settings, frame, record)
@@ -115,6 +117,27 @@ def connect_scan(scan: Scan, surface: SurfaceKind = "range") -> Surface:
     return crust_surface(scan.xyz) if surface == "crust" else ScanSurface()(scan.xyz, scan.ring)
 
 
+def far_points(scan: Scan) -> str:
+    """Say how many points of a scan are farther than a scanner measures, where that makes its unit doubtful.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+
+    Returns
+    -------
+    str
+        A line; empty where nothing is to be said.
+    """
+    distance = np.linalg.norm(scan.xyz, axis=1)
+    far = int((distance > FARTHEST).sum())
+    if far <= FAR_SHARE * len(scan):
+        return ""
+    said = f"{far} of {len(scan)} points are over {FARTHEST:g} m from the scanner"
+    return f"{said}, in the median {np.median(distance):.4g} m: is it in another unit? Expected metres, in its frame"
+
+
 def _count_inside(scan: PathLike, rig: Rig, points: FloatArray) -> int:
     """Points that fall into the image; none at all is an error."""
     u, v = project(rig, points).T
@@ -129,6 +152,7 @@ def _warnings(frame: Frame, scan: Scan, inside: int) -> Iterator[tuple[str, str]
     if inside < LEAST_SHARE * len(scan):
         said = f"{inside} of {len(scan)} points are in the image, fewer than {LEAST_SHARE:.0%}"
         yield "scan_outside", f"{said}: is the scan in another frame? Expected T_camera_scan (--extrinsics), metres"
+    yield from ((("scan_far", said),) if (said := far_points(scan)) else ())
     rows = len(scan) + scan.dropped
     if scan.dropped > rows / 2:
         yield "scan_dropped", f"{scan.dropped} of {rows} rows of the scan are no place (0 0 0, or not finite): left out"

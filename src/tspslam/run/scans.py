@@ -27,6 +27,7 @@ from ..types import FloatArray
 from ..vision.calibration.extrinsics import read_extrinsics
 from .config import resolve
 from .map import stored_keyframes
+from .scan import far_points
 
 VOXEL = 0.2
 """m: ten times the noise of a range, a fifth of what a car drives between two turns of the scanner."""
@@ -45,11 +46,14 @@ class ScanMap(NamedTuple):
         How many points all scans that were used have.
     unplaced : list of str
         Scans for whose time the run has no pose.
+    doubts : list of str
+        Of scans that look as if they were in another unit: file and why.
     """
 
     map_: TopologicalMap
     points: int
     unplaced: list[str]
+    doubts: list[str]
 
     def __repr__(self) -> str:
         return brief(self)
@@ -102,8 +106,9 @@ def map_scans(
         raise bad_input(
             run, f"has no pose for any of {len(scans)} scans", "scans of its time, or --stamps on its clock"
         )
+    doubts: list[str] = []
     placed = [
-        _place(path, pose @ T_camera_scan, stage)
+        _place(path, pose @ T_camera_scan, stage, doubts)
         for path, pose, is_known in zip(scans, poses, known, strict=True)
         if is_known
     ]
@@ -113,11 +118,13 @@ def map_scans(
         said = f"no keyframe sees any of {len(joined.xyz)} points: are the scans in another frame?"
         raise bad_input(run, said, "T_camera_scan (--extrinsics), metres")
     points = sum(len(scan.xyz) for scan in placed)
-    return ScanMap(made, points, [str(path) for path, is_known in zip(scans, known, strict=True) if not is_known])
+    unplaced = [str(path) for path, is_known in zip(scans, known, strict=True) if not is_known]
+    return ScanMap(made, points, unplaced, doubts)
 
 
-def _place(path: PathLike, T_world_scan: FloatArray, stage: ScanSurface) -> PlacedScan:
+def _place(path: PathLike, T_world_scan: FloatArray, stage: ScanSurface, doubts: list[str]) -> PlacedScan:
     scan = read_scan(path)
+    doubts += [f"{path}: {said}" for said in (far_points(scan),) if said]
     try:
         faces = stage(scan.xyz, scan.ring).faces
     except InputError as error:

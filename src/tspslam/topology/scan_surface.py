@@ -17,6 +17,7 @@ _FEWEST_RINGS, _MOST_RINGS = 4, 1024  # of scanners that are built: 16 to 128
 _EXPLAINED = 0.8  # share of the elevations' variance that the rings explain; KITTI's HDL-64E: 0.98
 _FEWEST = 8  # points of a ring in the mean: fewer are no scan lines
 _SPREAD = 0.25  # of the elevations of one ring, as a share of what is between two
+_SAME = 1e-5  # rad: directions of one beam, to the rounding of files; the finest scanners turn by 9e-4
 _POLE = 1e-6  # of a direction's way from the pole of the projection, against which nothing is lost
 
 
@@ -30,9 +31,12 @@ class RangeSurface(Surface):
         Vertex triples, counter-clockwise as the scanner sees them.
     rings : int
         How many rings the strips are between; 0 where none were found, and the faces are a Delaunay triangulation.
+    merged : int
+        How many points no face may have, since a nearer one is in the same direction: second returns, doubled rows.
     """
 
     rings: int
+    merged: int = 0
 
 
 @dataclass(frozen=True)
@@ -84,16 +88,20 @@ class ScanSurface(Checked, what="scan surface"):
         distance = np.linalg.norm(points, axis=1)
         _refuse(points, distance)
         found = find_rings(points) if ring is None else _checked_rings(ring, points)
+        first = _first_returns(points, distance, found)
+        if len(first) < 3:
+            raise GeometryError(f"scan surface: points are in {len(first)} directions, expected at least 3")
         faces, neighbours, keep = (
-            _triangulate(points / distance[:, None], self.max_gap) if found is None
-            else _zip(points, distance, found, self.max_gap)
+            _triangulate(points[first] / distance[first, None], self.max_gap) if found is None
+            else _zip(points[first], found[first], self.max_gap)
         )  # fmt: skip
+        faces = first[faces].astype(np.int32)
         from . import _scan
 
         noise = self.significance * self.range_sigma + 1e-9
         _scan.cut_steps(points, distance, faces, neighbours, self.max_range_ratio, noise, keep)
         count = 0 if found is None else len(np.unique(found))
-        return RangeSurface(np.ascontiguousarray(faces[keep], np.int32), count)
+        return RangeSurface(np.ascontiguousarray(faces[keep]), count, len(points) - len(first))
 
 
 def scan_surface(xyz: ArrayLike, ring: ArrayLike | None = None) -> RangeSurface:
@@ -102,7 +110,8 @@ def scan_surface(xyz: ArrayLike, ring: ArrayLike | None = None) -> RangeSurface:
     Points of one ring are ordered by azimuth, and the strip between two rings is filled with triangles, all around the
     turn: no search, and no sliver of three points of one ring. Where no rings are given or found, it is the Delaunay
     triangulation of the directions on the sphere (that of their stereographic projection, which keeps circles). Either
-    is a sheet that is star-shaped about the scanner, so that leaving faces out keeps every edge with at most two.
+    is a sheet that is star-shaped about the scanner, so that leaving faces out keeps every edge with at most two. Of
+    points in one direction, or at one azimuth of a ring, to 1e-5 rad, only the nearest has faces.
 
     Parameters
     ----------
@@ -174,7 +183,8 @@ def _by_order(azimuth: FloatArray, elevation: FloatArray) -> NDArray[np.int64] |
     steps = np.diff(azimuth)
     if not len(steps):
         return None
-    steps *= 1.0 if np.median(steps) >= 0 else -1.0
+    turns = steps[np.abs(steps) > _SAME]  # a beam may have several returns
+    steps *= 1.0 if not turns.size or np.median(turns) >= 0 else -1.0
     ring = np.concatenate([[0], np.cumsum(steps < -np.pi)])
     if not _is_plausible(ring, elevation):
         return None
@@ -228,8 +238,44 @@ def _refuse(points: FloatArray, distance: FloatArray) -> None:
         raise InputError(f"scan surface: point {at[0]} is at the scanner itself, expected points that came back")
 
 
+def _first_returns(points: FloatArray, distance: FloatArray, ring: NDArray[np.int64] | None) -> NDArray[np.int64]:
+    """Rows of points, ascending, of which no nearer one lies in the same direction."""
+    beam = _beams(points / distance[:, None]) if ring is None else _beams_of_rings(_angles(points)[0], ring)
+    order = np.lexsort((distance, beam))
+    return np.sort(order[np.flatnonzero(np.diff(beam[order], prepend=-1))])
+
+
+def _beams_of_rings(azimuth: FloatArray, ring: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the beam of each point: one for those of a ring at one azimuth, around the turn."""
+    order = np.lexsort((azimuth, ring))
+    is_new = np.diff(ring[order], prepend=-1) != 0
+    starts = np.flatnonzero(is_new)
+    ends = np.append(starts[1:], len(order)) - 1
+    number = np.cumsum(is_new | (np.diff(azimuth[order], prepend=-np.inf) > _SAME)) - 1
+    first, last = number[starts], number[ends]
+    closes = (azimuth[order[ends]] - azimuth[order[starts]] >= 2 * np.pi - _SAME) & (first < last)
+    merged = np.arange(len(order))
+    merged[last[closes]] = first[closes]
+    beam = np.empty(len(order), np.int64)
+    beam[order] = merged[number]
+    return beam
+
+
+def _beams(rays: FloatArray) -> NDArray[np.int64]:
+    """Number of the beam of each point: one for directions that are the same."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    distinct, beam = np.unique(rays, axis=0, return_inverse=True)  # pairs of many equal rows would be too many
+    pairs = cKDTree(distinct).query_pairs(_SAME, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs), np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(len(distinct),) * 2)
+    number: NDArray[np.int64] = connected_components(links, directed=False)[1].astype(np.int64)
+    return number[beam.ravel()]
+
+
 def _zip(
-    points: FloatArray, distance: FloatArray, ring: NDArray[np.int64], max_gap: float
+    points: FloatArray, ring: NDArray[np.int64], max_gap: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], BoolArray]:
     """Strips between rings: faces, the neighbour across from each corner, and which faces are over no gap."""
     from . import _scan
@@ -250,7 +296,7 @@ def _zip(
     _scan.zip_rings(turn, start, faces, neighbours)
     steps = np.diff(turn)[np.diff(ordered) == 0]
     keep = np.empty(total, np.bool_)
-    widest = min(max_gap * float(np.median(steps)), np.pi / 2)
+    widest = min(max_gap * float(np.median(steps)) if steps.size else 0.0, np.pi / 2)
     _scan.within_gaps(turn, faces, ordered, widest, max_gap, keep)
     return order[faces].astype(np.int32), neighbours, keep
 

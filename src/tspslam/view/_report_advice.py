@@ -15,6 +15,7 @@ ADVICE = {
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
+    "depth_range": "Check --unit (0.001 reads millimetres), and say which sensor it is (--sensor).",
     "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
     "disparity_offset": (
         "Calibrate the pair anew, or check that the calibration belongs to these images and to their size."
@@ -38,6 +39,7 @@ ADVICE = {
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
     "scan_dropped": "Nothing is to be done for beams that met nothing; else look at what wrote the scan.",
+    "scan_far": "Write the scan in metres, in the scanner's own frame: that of a map, or millimetres, is neither.",
     "scan_outside": "Check --extrinsics: T_camera_scan takes points of the scanner to the camera's frame, m.",
     "surface": "Nothing is to be done for a few frames; else choose the plain surface: --set surface.kind=delaunay.",
     "thin_map": "Let the camera see places more than once, from nearby: a slower pass, or more frames a second.",

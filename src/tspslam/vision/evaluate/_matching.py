@@ -115,6 +115,10 @@ def checked_path(trajectory: Trajectory, what: str) -> Known:
         raise InputError(
             f"{what}: pose {bad[0]} holds no rotation (R Rᵀ - I has {off[bad[0]]:.2g}), expected one to 1e-3"
         )
+    bad = np.flatnonzero((poses[:, 3] != (0, 0, 0, 1)).any(axis=1))
+    if bad.size:
+        row = " ".join(f"{value:g}" for value in poses[bad[0], 3])
+        raise InputError(f"{what}: pose {bad[0]} has the last row {row}, expected 0 0 0 1")
     return Known(stamps, poses, count - len(stamps))
 
 

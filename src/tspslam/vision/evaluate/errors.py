@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._brief import Brief
+from ..._checks import told
 from ...errors import InputError
 from ...types import FloatArray, Trajectory, real_array
 from ..se3 import alignment, inverse
@@ -157,6 +159,7 @@ def evaluate_trajectory(
     >>> round(errors.scale, 4), round(errors.per_distance[2.0].translation_percent, 4)
     (0.9901, 1.0)
     """
+    _check_kinds(max_stamp_difference, deltas, align, offset)
     lengths = real_array(distances, "distances", "(K,)").astype(np.float64).ravel()
     if not ((lengths > 0) & np.isfinite(lengths)).all() or not max_stamp_difference >= 0:
         raise InputError(
@@ -178,6 +181,28 @@ def evaluate_trajectory(
     overlap = Overlap(known, truth, own, other)
     overlap.check(max_stamp_difference)
     return _errors(overlap, lengths, wanted, align, found)
+
+
+def _check_kinds(most: object, deltas: object, align: object, offset: object) -> None:
+    """Refuse arguments of another type."""
+    if not _is_number(most):
+        raise InputError(f"evaluation: max_stamp_difference is {told(most)}, expected a number of seconds")
+    if not _is_number(offset) and not (isinstance(offset, str) and offset == "auto"):
+        raise InputError(f"evaluation: offset is {told(offset)}, expected a number of seconds or 'auto'")
+    if not isinstance(align, str):
+        raise InputError(f"evaluation: align is {told(align)}, expected one of {get_args(Align)}")
+    if isinstance(deltas, str) or not isinstance(deltas, Sequence):
+        raise InputError(f"evaluation: deltas is {told(deltas)}, expected a list of lengths, such as ['1f', '10m']")
+
+
+def _is_number(value: object) -> bool:
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        float(value)
+    except OverflowError:
+        return False
+    return True
 
 
 def _laid(P: FloatArray, Q: FloatArray, align: Align) -> tuple[FloatArray, float]:

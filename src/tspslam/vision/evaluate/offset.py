@@ -23,6 +23,7 @@ _STILL = 1e-5  # rad/s, m/s: a rate that varies less does not vary; stamps since
 _FLOOR = 0.01  # mismatch that no two measured paths are below
 _CONTRAST = 0.5  # of the mismatch at the next best offset: above, the best is one of many
 _REACH, _FINE = 1.5, 61  # steps around the best whole step that are searched, and how many places there
+_ONE_EVENT = 0.9  # of what fixes the offset: if a part of the overlap holds more, no other part confirms it
 _BLOCKS = 8  # parts of the overlap, of which each is left out in turn
 
 
@@ -79,8 +80,8 @@ def find_offset(estimate: Trajectory, reference: Trajectory) -> Offset:
     Raises
     ------
     InputError
-        If the paths are too short, turn and move too evenly, fit at many offsets alike, or fix the offset no better
-        than to a step.
+        If the paths are too short, turn and move too evenly, fit at many offsets alike, vary in one eighth of the
+        overlap alone, or fix the offset no better than to a step.
 
     Examples
     --------
@@ -101,6 +102,7 @@ def find_offset(estimate: Trajectory, reference: Trajectory) -> Offset:
     offsets = rough + step * np.linspace(-_REACH, _REACH, _FINE)
     blocks = _blocks(known, other, weight, step, offsets)
     total = blocks.sum(axis=2)
+    _check_events(blocks)
     seconds = _lowest(offsets, total)
     parts = np.array([_lowest(offsets, total - blocks[:, :, k]) for k in range(_BLOCKS)])
     sigma = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * ((parts - parts.mean()) ** 2).sum()))
@@ -204,6 +206,18 @@ def _blocks(known: Known, other: _Rates, weight: FloatArray, step: float, offset
         at = np.flatnonzero(~np.isnan(values))
         row[:] = np.bincount(block[at], values[at], _BLOCKS), np.bincount(block[at], minlength=_BLOCKS)
     return found
+
+
+def _check_events(blocks: FloatArray) -> None:
+    """Refuse differences of which one part alone tells one offset from another: leaving parts out then says nothing."""
+    cost = blocks.sum(axis=2)
+    best = int(np.argmin(cost[:, 0] / np.maximum(cost[:, 1], 1)))
+    rise = np.maximum(blocks[0, 0] + blocks[-1, 0] - 2 * blocks[best, 0], 0)
+    if rise.max() > _ONE_EVENT * rise.sum():
+        raise InputError(
+            f"offset: {100 * rise.max() / rise.sum():.0f} % of what fixes it is in one of {_BLOCKS} parts of the "
+            "overlap, expected motions that vary in several"
+        )
 
 
 def _lowest(offsets: FloatArray, total: NDArray[np.float64]) -> float:
