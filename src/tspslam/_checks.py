@@ -21,6 +21,8 @@ _WAYS = {
     "Rig": "tspslam.load_rig(path) reads one from a file",
     "RawRig": "tspslam.read_calibration(path).cameras is one, where the file has two raw cameras",
     "Camera": "tspslam.Camera(fx, fy, cx, cy, width, height) is one",
+    "Corners": "tspslam.vision.calibration.board.detect(board, image) gives them",
+    "BoardView": "BoardView(name, left, right), of what detect(board, image) gives",
     "Cloud": "tspslam.reconstruct(pair) gives one",
     "Surface": "tspslam.delaunay_surface(cloud) gives one",
     "Complex": "tspslam.build_complex(faces) gives one",

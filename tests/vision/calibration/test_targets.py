@@ -147,6 +147,32 @@ def test_any_image_gives_corners_or_none(image):
         assert np.isfinite(found.uv).all()
 
 
+@pytest.mark.parametrize("shape", [(1, 5000), (5000, 1), (3, 5000), (12, 5000), (40, 9000)])
+def test_an_image_too_thin_for_a_board_has_no_corners(shape):
+    image = np.random.default_rng(0).integers(0, 255, shape).astype(np.uint8)
+    for board in (CHESSBOARD, CHARUCO):
+        assert len(detect(board, image)) == 0
+
+
+def test_floats_that_are_no_luminance_are_refused():
+    for value in (np.nan, np.inf, 200.0):
+        image = np.full((48, 64), 0.5)
+        image[3, 4] = value
+        with pytest.raises(InputError, match="expected 0 to 1"):
+            detect(CHESSBOARD, image)
+
+
+def test_what_is_no_board_or_no_corners_is_refused():
+    image = np.zeros((48, 64), np.uint8)
+    nothing = detect(CHESSBOARD, image)
+    with pytest.raises(InputError, match="board is NoneType, expected a Chessboard or a Charuco"):
+        detect(None, image)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="board is NoneType"):
+        aligned(None, nothing, nothing)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="right is NoneType, expected a Corners"):
+        aligned(CHESSBOARD, nothing, None)  # type: ignore[arg-type]
+
+
 def test_what_is_no_image_is_refused():
     with pytest.raises(InputError, match="image"):
         detect(CHESSBOARD, "left.png")  # type: ignore[arg-type]

@@ -153,7 +153,8 @@ def doubts(
         if half:
             found["one_half"] = f"corners lie in the {half} half of the {side} image: show the board in the other too"
         elif share < _LEAST_COVERAGE:
-            found["coverage"] = f"corners lie in {share:.0%} of the {side} image: show the board at its borders too"
+            cells = f"{CELLS[0]} x {CELLS[1]} cells of the {side} image"
+            found["coverage"] = f"corners lie in {share:.0%} of the {cells}: show the board at its borders too"
     if max(spreads) > _NOTED_SPREAD:
         found["focal_spread"] = f"the focal length is known to {max(spreads):.2%} only: add near and tilted views"
     if max(errors) > _LARGE_ERROR:
