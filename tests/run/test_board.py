@@ -14,6 +14,7 @@ from tspslam.io.images import read_image, write_png
 from tspslam.run import board as job
 from tspslam.run.sequence import Step
 from tspslam.vision.calibration.board import Corners, calibrate, detect
+from tspslam.vision.calibration.formats import read_calibration
 from tspslam.vision.calibration.formats.own import load_cameras
 
 NO_IDS = np.zeros(0, np.int64)

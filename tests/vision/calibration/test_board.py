@@ -8,7 +8,7 @@ import pytest
 from tspslam.errors import InputError
 from tspslam.types import LENSES, RawRig
 from tspslam.vision.calibration import _board_judging as judging
-from tspslam.vision.calibration._board_lens import HELD, check_lens, is_sound, rayless
+from tspslam.vision.calibration._board_lens import HELD, check_lens, is_sound, lens_doubts, rayless
 from tspslam.vision.calibration._board_views import unusable
 from tspslam.vision.calibration.board import BoardView, Chessboard, Corners, calibrate
 
@@ -133,14 +133,20 @@ def test_a_freed_coefficient_that_takes_rays_away_is_not_sound():
 def test_a_lens_that_folds_its_image_is_refused(lens):
     rest = (0.0,) * (len(LENSES[lens]) - 2)
     folding = replace(CAMERAS[lens][0], distortion=(-0.9, 0.0, *rest))
-    with pytest.raises(InputError, match="folds its image.*views near the corners"):
+    with pytest.raises(InputError, match=r"folds its image.*views near the corners"):
         check_lens(RawRig(folding, folding, tuple(map(tuple, T_RIGHT_LEFT))))
 
 
-def test_a_fisheye_pair_that_cannot_be_rectified_is_refused():
-    camera = replace(CAMERAS["equidistant"][0], distortion=(-5.0, 0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match="views near the corners"):
-        check_lens(RawRig(camera, camera, tuple(map(tuple, T_RIGHT_LEFT))))
+def test_a_fisheye_lens_without_rays_is_told_or_refused():
+    def rig(k2):
+        camera = replace(CAMERAS["equidistant"][0], distortion=(0.02, k2, 0.0, 0.0))
+        return RawRig(camera, camera, tuple(map(tuple, T_RIGHT_LEFT)))
+
+    assert lens_doubts(rig(-0.005)) == {}
+    assert "of the left image has no ray" in lens_doubts(rig(-0.1))["no_ray"]
+    check_lens(rig(-0.1))
+    with pytest.raises(InputError, match=r"% of the left image has no ray through this lens, .*views near the corners"):
+        check_lens(rig(-1.5))
 
 
 def test_a_place_that_is_shown_again_is_no_evidence():
@@ -148,7 +154,9 @@ def test_a_place_that_is_shown_again_is_no_evidence():
     jitter = np.random.default_rng(5)
 
     def again(k, view):
-        sides = {s: replace(getattr(view, s), uv=getattr(view, s).uv + jitter.normal(0, 0.1, 2)) for s in ("left", "right")}
+        sides = {
+            s: replace(getattr(view, s), uv=getattr(view, s).uv + jitter.normal(0, 0.1, 2)) for s in ("left", "right")
+        }
         return view._replace(name=f"{view.name}-{k}", **sides)
 
     repeated = [again(k, view) for view in views for k in range(4)]

@@ -23,6 +23,10 @@ EVIDENCE = 10.0
 """Of the Bayesian information criterion: "very strong" (Kass and Raftery 1995)."""
 
 _GRID = (33, 25)  # pixels across and down, to the corners of the image, whose rays are looked up
+_NOTED_RAYLESS = 0.02  # of the image: a row or so of the grid
+_MOST_RAYLESS = (
+    0.5  # of the image: around the largest circle in one of 4:3 lie 41 %, and there a fisheye may see nothing
+)
 
 
 def evidence(before: float, after: float, count: int, freed: int) -> float:
@@ -53,5 +57,19 @@ def why_unusable(rig: RawRig) -> str:
 
 def check_lens(rig: RawRig) -> None:
     """Refuse a lens that folds its image, where no view has shown its corners."""
-    if why := why_unusable(rig):
+    why = why_unusable(rig)
+    for side, camera in (("left", rig.left), ("right", rig.right)):
+        if not why and (share := rayless(camera)) > _MOST_RAYLESS:
+            why = f"{share:.0%} of the {side} image has no ray through this lens, expected at most {_MOST_RAYLESS:.0%}"
+    if why:
         raise InputError(f"board: {why}; views near the corners of the images show what the lens does there")
+
+
+def lens_doubts(rig: RawRig) -> dict[str, str]:
+    """Warn of a lens that has no ray for a part of its image."""
+    shares = {"left": rayless(rig.left), "right": rayless(rig.right)}
+    side = max(shares, key=lambda name: shares[name])
+    if shares[side] <= _NOTED_RAYLESS:
+        return {}
+    part = f"{shares[side]:.0%} of the {side} image"
+    return {"no_ray": f"{part} has no ray through this lens: unless that part is black, show the board there"}

@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...types import LENSES, BoolArray, Camera, FloatArray, RawRig
 from . import _board_judging as judging
 from ._adjustment import Seen, Shape, Solution, adjust
-from ._board_lens import EVIDENCE, FREED, HELD, check_lens, evidence, is_sound
+from ._board_lens import EVIDENCE, FREED, HELD, check_lens, evidence, is_sound, lens_doubts
 from ._board_start import matrix_of_pose, place_board, pose_of_matrix, start_camera, start_pose
 from ._board_views import BoardView, checked, hint, size_of, unusable
 from .targets import Board, Charuco, Corners, aligned, detect
@@ -358,7 +358,7 @@ def _judged(board: Board, fit: _Fit) -> BoardCalibration:
         judging.rms(np.concatenate([r for r, e in zip(residuals, seen, strict=True) if e.side == side]))
         for side in (0, 1)
     )
-    warnings = judging.doubts(len(both), turn, spreads, shares, halves, total, judging.rms(rows))
+    warnings = judging.doubts(len(both), turn, spreads, shares, halves, total, judging.rms(rows)) | lens_doubts(rig)
     return BoardCalibration(
         rig, board, fit.held,
         tuple(ViewErrors(name, *each) for name, each in zip(fit.used, errors, strict=True)), fit.left_out,

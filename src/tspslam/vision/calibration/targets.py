@@ -14,10 +14,11 @@ from ..._checks import check_luminance, check_pixels, require, told
 from ...errors import InputError
 from ...types import FloatArray, Image
 
-_CORNERS = (2, 100)  # inner corners, or squares, a side
+_CORNERS = (3, 100)  # inner corners, or squares, a side; OpenCV's detectors take no fewer
 _LENGTHS = (1e-4, 10.0)  # m, of a square
 LEAST_CORNERS = 6
 """Corners of a view: four give a homography, two more show whether it holds."""
+_LEAST_SIDE = 15  # px, that OpenCV's detectors take: squares of a smaller image could not be told anyway
 _FOUND_AT = 1600  # px: larger images are searched at this size, and their corners refined at their own
 _HALF = 0.4  # of the distance of neighbouring corners: the window of refinement has no other corner in it
 _NARROWEST = 2.5  # px: a window that has less white around it cannot tell a corner from its markers
@@ -41,7 +42,7 @@ class Chessboard:
     Raises
     ------
     InputError
-        If a value is out of its range: 2 to 100 corners a side, at least 6 in all; squares of 1e-4 to 10 m.
+        If a value is out of its range: 3 to 100 corners a side; squares of 1e-4 to 10 m.
 
     Examples
     --------
@@ -56,8 +57,6 @@ class Chessboard:
 
     def __post_init__(self) -> None:
         _check_board(self, "chessboard", "square")
-        if self.columns * self.rows < LEAST_CORNERS:
-            raise InputError(f"chessboard: has {self.columns * self.rows} corners, expected {LEAST_CORNERS} or more")
 
     @property
     def corners(self) -> FloatArray:
@@ -105,8 +104,6 @@ class Charuco:
 
     def __post_init__(self) -> None:
         _check_board(self, "ChArUco board", "square", "marker")
-        if min(self.columns, self.rows) < 3:
-            raise InputError(f"ChArUco board: has {self.columns} x {self.rows} squares, expected 3 x 3 or more")
         if not 0.3 <= self.marker / self.square <= 0.95:
             said = f"marker is {self.marker:g} m in squares of {self.square:g} m"
             raise InputError(f"ChArUco board: {said}, expected 0.3 to 0.95 of a square")
@@ -214,7 +211,7 @@ def detect(board: Board, image: Image) -> Corners:
     require_board(board)
     grey = _grey(image)
     scale = min(1.0, _FOUND_AT / max(grey.shape))
-    is_thin = min(grey.shape) * scale < min(board.columns, board.rows)  # less than a pixel for each square
+    is_thin = round(min(grey.shape) * scale) < _LEAST_SIDE
     found = None if is_thin else _find(board, _scaled(grey, scale))
     size = (grey.shape[1], grey.shape[0])
     if found is None:
