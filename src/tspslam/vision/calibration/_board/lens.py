@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import GeometryError, InputError
-from ...types import Camera, RawRig
-from .lenses import unproject
-from .rectify import rectification
+from ....errors import GeometryError, InputError
+from ....types import Camera, RawRig
+from ..lenses import unproject
+from ..rectify import rectification
 
 HELD = {"brown": ("k3",), "rational": ("k3", "k4", "k5", "k6"), "equidistant": ("k3", "k4")}
 """Coefficients that are 0 unless the corners speak for them: where they do not, they bend what no corner shows."""

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import InputError
-from ...types import BoolArray, FloatArray, RawRig
-from ._adjustment import Seen, undistorted
-from ._board_start import matrix_of_pose, place_board
+from ....errors import InputError
+from ....types import BoolArray, FloatArray, RawRig
+from .adjustment import Seen, undistorted
+from .start import matrix_of_pose, place_board
 
 CELLS = (8, 6)  # columns, rows of the grid in which coverage is counted
 FEWEST_VIEWS = 5  # of both cameras: as many as Zhang (2000) calibrates real cameras with; three are the least in theory
