@@ -13,7 +13,7 @@ from .._threads import both
 from ..datasets._reader import StoredImages
 from ..errors import InputError
 from ..types import FloatArray
-from ..vision.calibration._board.judging import CELLS
+from ..vision.calibration._board._judging import CELLS
 from ..vision.calibration.board import Board, BoardCalibration, BoardView, Charuco, calibrate, detect
 from ..vision.calibration.formats.own import save_cameras
 from .sequence import Step

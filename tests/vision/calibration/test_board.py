@@ -7,9 +7,9 @@ import pytest
 
 from tspslam.errors import InputError
 from tspslam.types import LENSES, RawRig
-from tspslam.vision.calibration._board import judging
-from tspslam.vision.calibration._board.lens import HELD, check_lens, is_sound, lens_doubts, rayless
-from tspslam.vision.calibration._board.views import unusable
+from tspslam.vision.calibration._board import _judging as judging
+from tspslam.vision.calibration._board._lens import HELD, check_lens, is_sound, lens_doubts, rayless
+from tspslam.vision.calibration._board._views import unusable
 from tspslam.vision.calibration.board import BoardView, Chessboard, Corners, calibrate
 
 from .boards import BASELINE, CAMERAS, CHARUCO, CHESSBOARD, SIZE, T_RIGHT_LEFT, exact_views, places, rendered_views

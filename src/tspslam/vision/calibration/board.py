@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from ..._brief import Brief
 from ...errors import InputError
 from ...types import LENSES, BoolArray, Camera, FloatArray, RawRig
-from ._board import judging
-from ._board.adjustment import Seen, Shape, Solution, adjust
-from ._board.lens import EVIDENCE, FREED, HELD, check_lens, evidence, is_sound, lens_doubts
-from ._board.start import matrix_of_pose, place_board, pose_of_matrix, start_camera, start_pose
-from ._board.views import BoardView, checked, hint, size_of, unusable
+from ._board import _judging as judging
+from ._board._adjustment import Seen, Shape, Solution, adjust
+from ._board._lens import EVIDENCE, FREED, HELD, check_lens, evidence, is_sound, lens_doubts
+from ._board._start import matrix_of_pose, place_board, pose_of_matrix, start_camera, start_pose
+from ._board._views import BoardView, checked, hint, size_of, unusable
 from .targets import Board, Charuco, Corners, aligned, detect
 from .targets import Chessboard as Chessboard
 

@@ -270,7 +270,18 @@ def aligned(board: Board, left: Corners, right: Corners) -> Corners:
 
 
 def require_board(board: Any) -> None:
-    """Refuse what is no board."""
+    """Refuse what is no board.
+
+    Parameters
+    ----------
+    board : Chessboard or Charuco
+        Or anything else.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
     if not isinstance(board, Board):
         raise InputError(f"board is {told(board)}, expected a Chessboard or a Charuco")
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ....errors import InputError
 from ....types import BoolArray, FloatArray, RawRig
-from .adjustment import Seen, undistorted
-from .start import matrix_of_pose, place_board
+from ._adjustment import Seen, undistorted
+from ._start import matrix_of_pose, place_board
 
 CELLS = (8, 6)  # columns, rows of the grid in which coverage is counted
 FEWEST_VIEWS = 5  # of both cameras: as many as Zhang (2000) calibrates real cameras with; three are the least in theory

@@ -10,7 +10,7 @@ import numpy as np
 from ...._checks import require, told
 from ....errors import InputError
 from ..targets import LEAST_CORNERS, Board, Charuco, Corners, aligned, require_board
-from . import judging
+from . import _judging as judging
 
 _LARGEST_SIDE = 32_766  # px, as `rectification` takes
 SAME_PLACE = 2.0  # px, in the median: a board in the hand moves by more from one view to the next
