@@ -22,6 +22,8 @@ _WAYS = {
     "RawRig": "tspslam.read_calibration(path).cameras is one, where the file has two raw cameras",
     "Camera": "tspslam.Camera(fx, fy, cx, cy, width, height) is one",
     "DepthSensor": "tspslam.vision.depth.sensor.DepthSensor(quadratic=1.4e-3), say",
+    "Corners": "tspslam.vision.calibration.board.detect(board, image) gives them",
+    "BoardView": "BoardView(name, left, right), of what detect(board, image) gives",
     "Cloud": "tspslam.reconstruct(pair) gives one",
     "Surface": "tspslam.delaunay_surface(cloud) gives one",
     "Complex": "tspslam.build_complex(faces) gives one",

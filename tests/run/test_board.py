@@ -2,18 +2,22 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.vision.calibration.boards import BASELINE, CHARUCO, CHESSBOARD, SIZE, images, places, project
+from tests.vision.calibration.boards import BASELINE, CHARUCO, CHESSBOARD, SIZE, exact_views, images, places, project
 from tspslam.cli import BAD_INPUT, COMPLETE, USAGE, exit_code
 from tspslam.errors import InputError
 from tspslam.io.images import read_image, write_png
 from tspslam.run import board as job
 from tspslam.run.sequence import Step
-from tspslam.vision.calibration.board import BoardView, Corners, detect
+from tspslam.vision.calibration.board import Corners, calibrate, detect
+from tspslam.vision.calibration.formats import read_calibration
 from tspslam.vision.calibration.formats.own import load_cameras
+
+NO_IDS = np.zeros(0, np.int64)
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +105,7 @@ def test_nothing_is_written_where_the_board_is_not_seen(recording, tmp_path, cap
     assert code == BAD_INPUT
     assert "views can be used, expected 5 or more" in err
     assert err.splitlines()[-1].startswith("tspslam: board: 0 of 9 views")
+    assert "--board counts inner corners: a board of 8x5 squares is 7x4" in err
     assert not list(tmp_path.iterdir())
 
 
@@ -157,8 +162,26 @@ def project_left(T):
 
 
 def test_views_of_one_name_are_told_apart():
-    found = job._unique("a", 4, [BoardView("a", None, None)])  # type: ignore[arg-type]
-    assert found == "a (4)"
+    assert job._unique("a", 4, {"a"}) == "a (4)"
+    assert job._unique("a", 4, {"a", "a (4)"}) == "a (4) (4)"
+    assert job._unique("b", 4, {"a"}) == "b"
+
+
+def test_a_fisheye_calibration_is_read_back_with_its_lens(recording, tmp_path, capsys, monkeypatch):
+    views = exact_views(lens="equidistant", noise=0.05)
+    views[2] = views[2]._replace(right=replace(views[2].right, ids=NO_IDS, uv=np.zeros((0, 2)), xyz=np.zeros((0, 3))))
+    monkeypatch.setattr(job, "find_views", lambda *_: (views, {}))
+    target = tmp_path / "calib.yaml"
+    words = ["--board", "9x6", "--square", 0.025, "--lens", "equidistant", "--output", target]
+    code, out, _ = run(capsys, "calib", "board", recording, *words)
+    assert code == COMPLETE
+    expected, cameras = calibrate(CHESSBOARD, views, lens="equidistant").rig, read_calibration(target).cameras
+    for one, other in ((cameras.left, expected.left), (cameras.right, expected.right)):
+        assert one.lens == "equidistant"
+        assert np.allclose(one.distortion, other.distortion, rtol=0, atol=1e-9)
+    assert re.search(r"^02 +\d.* - ", out, re.MULTILINE)
+    assert re.search(r"^ +- : no corners found in that image$", out, re.MULTILINE)
+    assert re.search(r"^coverage +corners in \d+% of the left image's 8 x 6 cells, in \d+%", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO], ids=["chessboard", "charuco"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from .._threads import both
 from ..datasets._reader import StoredImages
 from ..errors import InputError
 from ..types import FloatArray
+from ..vision.calibration._board._judging import CELLS
 from ..vision.calibration.board import Board, BoardCalibration, BoardView, Charuco, calibrate, detect
 from ..vision.calibration.formats.own import save_cameras
 from .sequence import Step
@@ -50,10 +51,12 @@ def find_views(
     places = np.unique(np.linspace(0, len(images) - 1, min(len(images), _LOOKED_AT)).round().astype(int))
     views: list[BoardView] = []
     unread: dict[str, str] = {}
+    taken: set[str] = set()
     for done, k in enumerate(places.tolist()):
         if on_step:
             on_step(Step("corners", done, len(places)))
-        name = _unique(images.names[k], k, views)
+        name = _unique(images.names[k], k, taken)
+        taken.add(name)
         try:
             left, right = images.images(k)
             found = both(lambda image: detect(board, image), (left, right))
@@ -64,8 +67,10 @@ def find_views(
     return (_chosen(board, views) if len(views) > MOST_VIEWS else views), unread
 
 
-def _unique(name: str, k: int, views: list[BoardView]) -> str:
-    return f"{name} ({k})" if any(view.name == name for view in views) else name
+def _unique(name: str, k: int, taken: Collection[str]) -> str:
+    while name in taken:
+        name = f"{name} ({k})"
+    return name
 
 
 def _chosen(board: Board, views: list[BoardView]) -> list[BoardView]:
@@ -251,12 +256,15 @@ def tabulate_board(found: BoardCalibration) -> list[str]:
             f"{_number(value, 2):>{n}}" for value, n in ((view.left, 10), (view.right, 11), (view.rows, 10))
         )
         lines.append(f"{view.name:<{width}}{sides}{view.tilt:>9.0f}")
+    if any(value != value for view in found.views for value in (view.left, view.right)):
+        lines.append(f"{'':<{width}}  - : no corners found in that image")
     lines += [f"{name:<{width}}  left out: {reason}" for name, reason in found.left_out.items()]
     return [*lines, "", *_findings(found)]
 
 
 def _findings(found: BoardCalibration) -> list[str]:
     left, right, sd = found.rig.left, found.rig.right, found.focal_sd
+    cells = f"{CELLS[0]} x {CELLS[1]}"
     lens = left.lens + (f", {', '.join(found.held)} held at 0" if found.held else "")
     return [
         f"lens          {lens}",
@@ -264,7 +272,8 @@ def _findings(found: BoardCalibration) -> list[str]:
         f"baseline      {1000 * found.baseline:.2f} ± {1000 * found.baseline_sd:.2f} mm",
         f"corners off   {found.error[0]:.3f} px left, {found.error[1]:.3f} px right (root mean square)",
         f"rows differ   {found.rows:.3f} px (root mean square), {found.rows_median:.3f} px (median)",
-        f"coverage      {found.coverage[0]:.0%} of the left image, {found.coverage[1]:.0%} of the right one",
+        f"coverage      corners in {found.coverage[0]:.0%} of the left image's {cells} cells, "
+        f"in {found.coverage[1]:.0%} of the right one's",
         f"planes        differ by up to {found.turn:.0f}°",
     ]
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from tspslam.errors import InputError
-from tspslam.vision.calibration import _board_judging as judging
+from tspslam.types import LENSES, RawRig
+from tspslam.vision.calibration._board import _judging as judging
+from tspslam.vision.calibration._board._lens import HELD, check_lens, is_sound, lens_doubts, rayless
+from tspslam.vision.calibration._board._views import unusable
 from tspslam.vision.calibration.board import BoardView, Chessboard, Corners, calibrate
 
 from .boards import BASELINE, CAMERAS, CHARUCO, CHESSBOARD, SIZE, T_RIGHT_LEFT, exact_views, places, rendered_views
@@ -103,6 +106,77 @@ def test_k3_is_free_only_where_corners_speak_for_it():
     assert abs(bent.rig.left.distortion[4] - 0.25) < 0.1
 
 
+@pytest.mark.parametrize("lens", ["rational", "equidistant"])
+def test_coefficients_that_no_corner_tells_are_held(lens):
+    for seed in (1, 2):
+        found = calibrate(CHESSBOARD, exact_views(lens=lens, noise=0.3, seed=seed, span=(-0.2, 0.2)), lens=lens)
+        assert found.held == HELD[lens]
+        for camera in (found.rig.left, found.rig.right):
+            values = dict(zip(LENSES[lens], camera.distortion, strict=True))
+            assert all(values[name] == 0 for name in found.held)
+            assert rayless(camera) == 0
+        assert off_focal(found, lens) < 0.02
+    exact = calibrate(CHESSBOARD, exact_views(lens=lens), lens=lens)
+    assert exact.held == ()
+
+
+def test_a_freed_coefficient_that_takes_rays_away_is_not_sound():
+    camera = CAMERAS["equidistant"][0]
+    rig = RawRig(camera, camera, tuple(map(tuple, T_RIGHT_LEFT)))
+    folding = replace(camera, distortion=(0.02, -0.2, 0.0, 0.0))
+    assert rayless(folding) > 0.3
+    assert is_sound(rig, rig)
+    assert not is_sound(rig, replace(rig, right=folding))
+
+
+@pytest.mark.parametrize("lens", ["brown", "rational"])
+def test_a_lens_that_folds_its_image_is_refused(lens):
+    rest = (0.0,) * (len(LENSES[lens]) - 2)
+    folding = replace(CAMERAS[lens][0], distortion=(-0.9, 0.0, *rest))
+    with pytest.raises(InputError, match=r"folds its image.*views near the corners"):
+        check_lens(RawRig(folding, folding, tuple(map(tuple, T_RIGHT_LEFT))))
+
+
+def test_a_fisheye_lens_without_rays_is_told_or_refused():
+    def rig(k2):
+        camera = replace(CAMERAS["equidistant"][0], distortion=(0.02, k2, 0.0, 0.0))
+        return RawRig(camera, camera, tuple(map(tuple, T_RIGHT_LEFT)))
+
+    assert lens_doubts(rig(-0.005)) == {}
+    assert "of the left image has no ray" in lens_doubts(rig(-0.1))["no_ray"]
+    check_lens(rig(-0.1))
+    with pytest.raises(InputError, match=r"% of the left image has no ray through this lens, .*views near the corners"):
+        check_lens(rig(-1.5))
+
+
+def test_a_place_that_is_shown_again_is_no_evidence():
+    views = exact_views(noise=0.1, count=8)
+    jitter = np.random.default_rng(5)
+
+    def again(k, view):
+        sides = {
+            s: replace(getattr(view, s), uv=getattr(view, s).uv + jitter.normal(0, 0.1, 2)) for s in ("left", "right")
+        }
+        return view._replace(name=f"{view.name}-{k}", **sides)
+
+    repeated = [again(k, view) for view in views for k in range(4)]
+    found = calibrate(CHESSBOARD, repeated)
+    assert [view.name for view in found.views] == [f"{view.name}-0" for view in views]
+    assert found.left_out["03-2"] == "shows the board where 03-0 does"
+    assert "8 views of both cameras" in found.warnings["few_views"]
+    refused([again(k, view) for view in views[:2] for k in range(25)], "2 of 50 views can be used")
+
+
+def test_a_board_numbered_from_its_other_end_is_the_same_place():
+    board = Chessboard(8, 6, 0.025)
+    view = exact_views(board, count=1)[0]
+    sides = {s: replace(getattr(view, s), uv=getattr(view, s).uv[::-1].copy()) for s in ("left", "right")}
+    near = replace(view.left, uv=view.left.uv + 3.0)
+    views = [view, view._replace(name="turned", **sides), view._replace(name="near", left=near)]
+    views.append(view._replace(name="lone", right=NOTHING))
+    assert unusable(board, views) == {"turned": "shows the board where 00 does"}
+
+
 def test_the_same_views_give_the_same_bytes():
     one, two = (calibrate(CHESSBOARD, exact_views(noise=0.1)) for _ in range(2))
     assert one.rig == two.rig
@@ -114,6 +188,44 @@ def refused(views, said, board=CHESSBOARD, **kind):
         calibrate(board, views, **kind)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_where_no_image_shows_the_board_its_count_is_doubted():
+    views = [BoardView("a", NOTHING, NOTHING)]
+    refused(views, "; --board counts inner corners: a board of 10x7 squares is 9x6", Chessboard(10, 7, 0.025))
+    refused(views, "; --charuco counts COLUMNSxROWS of squares; or is it 7x5?", CHARUCO)
+    with pytest.raises(InputError) as caught:
+        calibrate(CHESSBOARD, exact_views(count=3))
+    assert "counts" not in str(caught.value)
+
+
+def spoilt(**parts):
+    views = exact_views(count=6)
+    return [*views[:5], views[5]._replace(left=replace(views[5].left, **parts))]
+
+
+@pytest.mark.parametrize(
+    ("views", "said"),
+    [
+        (None, "views are NoneType, expected a sequence of BoardView"),
+        ([None], "view is NoneType, expected a BoardView"),
+        ([BoardView("a", None, NOTHING)], "left corners of a is NoneType, expected a Corners"),
+        ([BoardView(None, NOTHING, NOTHING)], "name of a view is NoneType"),
+        ([BoardView("a", NOTHING, NOTHING)] * 2, "two views have the name 'a'"),
+        (spoilt(uv=np.full((54, 2), np.nan)), "left corners of 05 have NaN"),
+        (spoilt(uv=np.zeros((53, 2))), "left corners of 05 have the shapes"),
+        (spoilt(xyz=CHESSBOARD.corners * (1, 0, 0)), "do not span the plane"),
+        (spoilt(ids=np.arange(3), uv=np.zeros((3, 2)), xyz=np.eye(3)), "are 3, expected none, or 6 or more"),
+    ],
+)
+def test_what_are_no_views_is_named(views, said):
+    refused(views, said)
+
+
+def test_what_is_no_board_is_named():
+    for board in (None, "9x6"):
+        with pytest.raises(InputError, match="expected a Chessboard or a Charuco"):
+            calibrate(board, exact_views())
 
 
 def test_too_few_views_are_refused():

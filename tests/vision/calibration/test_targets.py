@@ -123,13 +123,13 @@ def test_the_right_image_is_numbered_as_the_left_one(size, turns):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: Chessboard(1, 6, 0.02), "columns is 1, expected 2 to 100"),
+        (lambda: Chessboard(1, 6, 0.02), "columns is 1, expected 3 to 100"),
         (lambda: Chessboard(9, 6, 25), "square is 25 m, expected 0.0001 to 10: 25 mm are 0.025"),
         (lambda: Chessboard(9, 6, float("nan")), "square is nan"),
-        (lambda: Chessboard(2, 2, 0.02), "has 4 corners"),
+        (lambda: Chessboard(9, 2, 0.02), "chessboard: rows is 2, expected 3 to 100"),
         (lambda: Chessboard(True, 6, 0.02), "columns is True"),
         (lambda: Charuco(5, 7, 0.04, 0.04), "marker is 0.04 m in squares"),
-        (lambda: Charuco(2, 7, 0.04, 0.03), "3 x 3 or more"),
+        (lambda: Charuco(2, 7, 0.04, 0.03), "ChArUco board: columns is 2, expected 3 to 100"),
         (lambda: Charuco(5, 7, 0.04, 0.03, "9X9"), "dictionary is '9X9'"),
         (lambda: Charuco(20, 20, 0.04, 0.03), "4X4_50 has 50 markers, but 200"),
     ],
@@ -145,6 +145,32 @@ def test_any_image_gives_corners_or_none(image):
     for board in (Chessboard(3, 3, 0.02), CHARUCO):
         found = detect(board, image)
         assert np.isfinite(found.uv).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 5000), (5000, 1), (3, 5000), (14, 60), (40, 9000), (100, 9000)])
+def test_an_image_too_thin_for_a_board_has_no_corners(shape):
+    image = np.random.default_rng(0).integers(0, 255, shape).astype(np.uint8)
+    for board in (CHESSBOARD, CHARUCO):
+        assert len(detect(board, image)) == 0
+
+
+def test_floats_that_are_no_luminance_are_refused():
+    for value in (np.nan, np.inf, 200.0):
+        image = np.full((48, 64), 0.5)
+        image[3, 4] = value
+        with pytest.raises(InputError, match="expected 0 to 1"):
+            detect(CHESSBOARD, image)
+
+
+def test_what_is_no_board_or_no_corners_is_refused():
+    image = np.zeros((48, 64), np.uint8)
+    nothing = detect(CHESSBOARD, image)
+    with pytest.raises(InputError, match="board is NoneType, expected a Chessboard or a Charuco"):
+        detect(None, image)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="board is NoneType"):
+        aligned(None, nothing, nothing)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="right is NoneType, expected a Corners"):
+        aligned(CHESSBOARD, nothing, None)  # type: ignore[arg-type]
 
 
 def test_what_is_no_image_is_refused():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,11 @@ from numpy.typing import NDArray
 from ..._brief import Brief
 from ...errors import InputError
 from ...types import LENSES, BoolArray, Camera, FloatArray, RawRig
-from . import _board_judging as judging
-from ._adjustment import Seen, Shape, Solution, adjust
-from ._board_start import matrix_of_pose, pose_of_matrix, start_camera, start_pose
-from .rectify import rectification
+from ._board import _judging as judging
+from ._board._adjustment import Seen, Shape, Solution, adjust
+from ._board._lens import EVIDENCE, FREED, HELD, check_lens, evidence, is_sound, lens_doubts
+from ._board._start import matrix_of_pose, place_board, pose_of_matrix, start_camera, start_pose
+from ._board._views import BoardView, checked, hint, size_of, unusable
 from .targets import Board, Charuco, Corners, aligned, detect
 from .targets import Chessboard as Chessboard
 
@@ -30,17 +30,7 @@ __all__ = [
 
 BOARD_LENSES = ("brown", "rational", "equidistant")
 """Models of lenses that `calibrate` fits."""
-_LARGEST_SIDE = 32_766  # px, as `rectification` takes
-_EVIDENCE = 10.0  # of the Bayesian information criterion: "very strong" (Kass and Raftery 1995)
 _ROUNDS = 8  # of leaving out views
-
-
-class BoardView(NamedTuple):
-    """The corners of a board in the two images of one moment."""
-
-    name: str
-    left: Corners
-    right: Corners
 
 
 @dataclass(frozen=True)
@@ -148,8 +138,10 @@ def calibrate(board: Board, views: Sequence[BoardView], *, lens: str = "brown") 
 
     The sum of squared distances between corners found and expected is minimised over both lenses, the pose of the
     right camera and all places of the board; corners that are far off count less (Huber). A view is left out whose
-    error is above 2.5 times the median of all, and 5 robust standard deviations above it. Brown's ``k3`` is free only
-    where the corners speak for it: where the Bayesian information criterion falls by more than 10.
+    error is above 2.5 times the median of all, and 5 robust standard deviations above it, and one that shows the board
+    within 2 px (median of its corners, in both images) of where an earlier view does. ``k3`` (Brown's lens), ``k3`` to
+    ``k6`` (rational), ``k3`` and ``k4`` (equidistant) are free only where the corners speak for them: where the
+    Bayesian information criterion falls by more than 10, and no more of the image is without a ray.
 
     Parameters
     ----------
@@ -167,8 +159,9 @@ def calibrate(board: Board, views: Sequence[BoardView], *, lens: str = "brown") 
     Raises
     ------
     InputError
-        If sizes differ, fewer than 5 views can be used, the views leave the focal length open (a standard deviation
-        above 1 %), the right camera is on the left, or the cameras are less than 5 mm or more than 5 m apart.
+        If a view is none, two have one name, corners are not finite, sizes differ, fewer than 5 views can be used, the
+        views leave the focal length open (a standard deviation above 1 %), the lens folds its image, the right camera
+        is on the left, or the cameras are less than 5 mm or more than 5 m apart.
 
     Examples
     --------
@@ -179,24 +172,28 @@ def calibrate(board: Board, views: Sequence[BoardView], *, lens: str = "brown") 
     """
     if lens not in BOARD_LENSES:
         raise InputError(f"board: lens is {repr(lens)[:40]}, expected one of {', '.join(BOARD_LENSES)}")
-    size = _size_of(views)
-    left_out = _unusable(views)
-    used = {view.name: view._replace(right=aligned(board, view.left, view.right)) for view in views}
+    given = checked(board, views)
+    size, left_out = size_of(given), unusable(board, given)
+    used = {view.name: view._replace(right=aligned(board, view.left, view.right)) for view in given}
     used = {name: view for name, view in used.items() if name not in left_out}
-    fit = _Fit(lens, size, used, left_out)
+    fit = _Fit(lens, size, used, dict(left_out), hint(board, given))
     fit.leave_out()
-    _free_k3(fit)
+    if _free_more(fit) and len(fit.used) < len(used):
+        fit.take_back(used, left_out)
+        fit.leave_out()
     return _judged(board, fit)
 
 
 class _Fit:
     """Views that are used, and the least squares over them."""
 
-    def __init__(self, lens: str, size: tuple[int, int], used: dict[str, BoardView], left_out: dict[str, str]) -> None:
-        self.lens, self.size, self.used, self.left_out = lens, size, used, left_out
-        self.held: tuple[str, ...] = ("k3",) if lens == "brown" else ()
+    def __init__(
+        self, lens: str, size: tuple[int, int], used: dict[str, BoardView], left_out: dict[str, str], hint: str
+    ) -> None:  # fmt: skip
+        self.lens, self.size, self.used, self.left_out, self.hint = lens, size, used, left_out, hint
+        self.held: tuple[str, ...] = HELD[lens]
         self.check_count()
-        self.solution = self._solve(self._start())
+        self.solution = self.solve(self._start())
 
     @property
     def seen(self) -> list[Seen]:
@@ -237,10 +234,11 @@ class _Fit:
             why = "; ".join(f"{name}: {reason}" for name, reason in list(self.left_out.items())[:3])
             raise InputError(
                 f"board: {both} of {total} views can be used, expected {judging.FEWEST_VIEWS} or more that both "
-                f"cameras see{f' ({why})' if why else ''}"
+                f"cameras see{f' ({why})' if why else ''}{self.hint}"
             )
 
-    def _solve(self, start: FloatArray) -> Solution:
+    def solve(self, start: FloatArray) -> Solution:
+        """Least squares over the views that are used."""
         return adjust(self.shape, self.seen, start, self.free(self.shape))
 
     def _start(self) -> FloatArray:
@@ -307,62 +305,38 @@ class _Fit:
                 self.left_out[names[k]] = reason
             self._keep([k for k in range(len(names)) if k not in bad])
 
+    def take_back(self, used: dict[str, BoardView], left_out: dict[str, str]) -> None:
+        """Use all views again: those that a lens of fewer coefficients could not fit may belong to this one."""
+        cameras, pose, numbers = self.cameras, self.pose, self.solution.values[: self.shape.of_pose.stop]
+        self.used, self.left_out = used, left_out
+        places = []
+        for k in range(len(used)):
+            first = self.parts(k)[0]
+            place = place_board(self.lens, cameras[first.side], first)[0]
+            places.append(pose_of_matrix(np.linalg.inv(pose) @ matrix_of_pose(place)) if first.side else place)
+        self.solution = self.solve(np.concatenate([numbers, *places]))
+
     def _keep(self, kept: list[int]) -> None:
         names, shape, values = list(self.used), self.shape, self.solution.values
         places = [values[shape.of_place(k)] for k in kept]
         self.used = {names[k]: self.used[names[k]] for k in kept}
         self.check_count()
-        self.solution = self._solve(np.concatenate([values[: shape.of_pose.stop], *places]))
+        self.solution = self.solve(np.concatenate([values[: shape.of_pose.stop], *places]))
 
 
-def _size_of(views: Sequence[BoardView]) -> tuple[int, int]:
-    sizes = {corners.size: view.name for view in views for corners in (view.left, view.right)}
-    if not sizes:
-        raise InputError("board: there are no views, expected some")
-    if len(sizes) > 1:
-        (one, first), (other, second) = list(sizes.items())[:2]
-        shown = f"{one[0]} x {one[1]} px ({first}) and {other[0]} x {other[1]} px ({second})"
-        raise InputError(f"board: images have {shown}, expected one size")
-    size = next(iter(sizes))
-    if max(size) > _LARGEST_SIDE:
-        raise InputError(f"board: images have {size[0]} x {size[1]} px, expected at most {_LARGEST_SIDE} a side")
-    return size
-
-
-def _unusable(views: Sequence[BoardView]) -> dict[str, str]:
-    """Views without corners, and blurred ones, with the reason."""
-    widths = np.array([[view.left.blur, view.right.blur] for view in views])
-    found = {}
-    for view, marks, each in zip(views, judging.blurred(widths), widths, strict=True):
-        if not (len(view.left) or len(view.right)):
-            found[view.name] = "no corners found in either image"
-        elif marks.any():
-            side = int(np.nanargmax(each))
-            found[view.name] = f"{('left', 'right')[side]} image is blurred: edges are {each[side]:.1f} px wide"
-    return found
-
-
-def _free_k3(fit: _Fit) -> None:
-    """Free Brown's k3 if the corners speak for it and the lens does not fold with it."""
-    if fit.held != ("k3",):
-        return
-    before = fit.solution
-    count = sum(each.size for each in before.residuals)
-    fit.held = ()
-    fit.solution = fit._solve(before.values)
-    gain = count * np.log(before.cost / max(fit.solution.cost, 1e-300)) - 2 * np.log(count)
-    if gain <= _EVIDENCE or not all(_is_monotone(camera, fit.size) for camera in fit.cameras):
-        fit.held, fit.solution = ("k3",), before
-
-
-def _is_monotone(camera: FloatArray, size: tuple[int, int]) -> bool:
-    """Whether Brown's radial distortion rises beyond the farthest corner of the image."""
-    k1, k2, _, _, k3 = camera[4:]
-    corner = np.hypot(*(np.array([[u, v] for u in (0, size[0]) for v in (0, size[1])]) - camera[2:4]).T / camera[0])
-    r = np.linspace(0, 3 * float(corner.max()), 600)
-    reach = r * (1 + r**2 * (k1 + r**2 * (k2 + r**2 * k3)))
-    falls = np.flatnonzero(np.diff(reach) <= 0)
-    return not len(falls) or float(reach[falls[0]]) > 1.1 * float(corner.max())
+def _free_more(fit: _Fit) -> bool:
+    """Free coefficients that are held if the corners speak for them and the lens has as many rays with them."""
+    before, held, rig = fit.solution, fit.held, fit.rig()
+    count, tried = sum(each.size for each in before.residuals), []
+    for names in FREED[fit.lens]:
+        fit.held = tuple(name for name in held if name not in names)
+        solution = fit.solve(before.values)
+        tried.append((evidence(before.cost, solution.cost, count, 2 * len(names)), fit.held, solution))
+    for gain, fit.held, fit.solution in sorted(tried, key=lambda each: -each[0]):
+        if gain > EVIDENCE and is_sound(rig, fit.rig()):
+            return True
+    fit.held, fit.solution = held, before
+    return False
 
 
 def _judged(board: Board, fit: _Fit) -> BoardCalibration:
@@ -376,7 +350,7 @@ def _judged(board: Board, fit: _Fit) -> BoardCalibration:
     judging.check_determined(turn, spreads, halves)
     judging.check_pose(fit.pose)
     rig, errors = fit.rig(), fit.errors()
-    _check_lens(rig)
+    check_lens(rig)
     both = [k for k, view in enumerate(fit.used.values()) if len(view.left) and len(view.right)]
     rows = np.concatenate([fit.rows(rig, k) for k in both])
     shares = tuple(judging.coverage(uv, fit.size) for uv in sides)
@@ -384,7 +358,7 @@ def _judged(board: Board, fit: _Fit) -> BoardCalibration:
         judging.rms(np.concatenate([r for r, e in zip(residuals, seen, strict=True) if e.side == side]))
         for side in (0, 1)
     )
-    warnings = judging.doubts(len(both), turn, spreads, shares, halves, total, judging.rms(rows))
+    warnings = judging.doubts(len(both), turn, spreads, shares, halves, total, judging.rms(rows)) | lens_doubts(rig)
     return BoardCalibration(
         rig, board, fit.held,
         tuple(ViewErrors(name, *each) for name, each in zip(fit.used, errors, strict=True)), fit.left_out,
@@ -405,15 +379,3 @@ def _collected(seen: Sequence[Seen], residuals: Sequence[FloatArray]) -> BoardRe
     view = np.concatenate([np.full(len(each.uv), each.place) for each in seen])
     side = np.concatenate([np.full(len(each.uv), each.side) for each in seen])
     return BoardResiduals(view, side, np.concatenate([each.uv for each in seen]), np.concatenate(residuals))
-
-
-def _check_lens(rig: RawRig) -> None:
-    """Refuse a lens that folds its image, where no view has shown its corners."""
-    if rig.left.lens != "brown":
-        return
-    try:
-        rectification(rig)
-    except InputError as error:
-        raise InputError(
-            f"board: {error}; views near the corners of the images show what the lens does there"
-        ) from error

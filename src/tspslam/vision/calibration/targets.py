@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
-from ..._checks import check_pixels
+from ..._checks import check_luminance, check_pixels, require, told
 from ...errors import InputError
 from ...types import FloatArray, Image
 
-_CORNERS = (2, 100)  # inner corners, or squares, a side
+_CORNERS = (3, 100)  # inner corners, or squares, a side; OpenCV's detectors take no fewer
 _LENGTHS = (1e-4, 10.0)  # m, of a square
-_LEAST = 6  # corners of a view: four give a homography, two more show whether it holds
+LEAST_CORNERS = 6
+"""Corners of a view: four give a homography, two more show whether it holds."""
+_LEAST_SIDE = 15  # px, that OpenCV's detectors take: squares of a smaller image could not be told anyway
 _FOUND_AT = 1600  # px: larger images are searched at this size, and their corners refined at their own
 _HALF = 0.4  # of the distance of neighbouring corners: the window of refinement has no other corner in it
 _NARROWEST = 2.5  # px: a window that has less white around it cannot tell a corner from its markers
@@ -40,7 +42,7 @@ class Chessboard:
     Raises
     ------
     InputError
-        If a value is out of its range: 2 to 100 corners a side, at least 6 in all; squares of 1e-4 to 10 m.
+        If a value is out of its range: 3 to 100 corners a side; squares of 1e-4 to 10 m.
 
     Examples
     --------
@@ -55,8 +57,6 @@ class Chessboard:
 
     def __post_init__(self) -> None:
         _check_board(self, "chessboard", "square")
-        if self.columns * self.rows < _LEAST:
-            raise InputError(f"chessboard: has {self.columns * self.rows} corners, expected {_LEAST} or more")
 
     @property
     def corners(self) -> FloatArray:
@@ -104,8 +104,6 @@ class Charuco:
 
     def __post_init__(self) -> None:
         _check_board(self, "ChArUco board", "square", "marker")
-        if min(self.columns, self.rows) < 3:
-            raise InputError(f"ChArUco board: has {self.columns} x {self.rows} squares, expected 3 x 3 or more")
         if not 0.3 <= self.marker / self.square <= 0.95:
             said = f"marker is {self.marker:g} m in squares of {self.square:g} m"
             raise InputError(f"ChArUco board: {said}, expected 0.3 to 0.95 of a square")
@@ -203,16 +201,18 @@ def detect(board: Board, image: Image) -> Corners:
     Raises
     ------
     InputError
-        If the image is none.
+        If the board or the image is none, or a float image has values beyond [0, 1], or NaN.
 
     Examples
     --------
     >>> len(detect(Chessboard(9, 6, 0.025), np.zeros((48, 64), np.uint8)))
     0
     """
+    require_board(board)
     grey = _grey(image)
     scale = min(1.0, _FOUND_AT / max(grey.shape))
-    found = _find(board, _scaled(grey, scale))
+    is_thin = round(min(grey.shape) * scale) < _LEAST_SIDE
+    found = None if is_thin else _find(board, _scaled(grey, scale))
     size = (grey.shape[1], grey.shape[0])
     if found is None:
         return Corners(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), size)
@@ -242,6 +242,11 @@ def aligned(board: Board, left: Corners, right: Corners) -> Corners:
     Corners
         `right`, perhaps in another order.
 
+    Raises
+    ------
+    InputError
+        If the board or the corners are none.
+
     Examples
     --------
     >>> board = Chessboard(3, 3, 0.1)
@@ -251,6 +256,9 @@ def aligned(board: Board, left: Corners, right: Corners) -> Corners:
     >>> aligned(board, left, right).uv[0].tolist()
     [-20.0, -20.0]
     """
+    require_board(board)
+    require(left, Corners, "left")
+    require(right, Corners, "right")
     if isinstance(board, Charuco) or not (len(left) and len(right)):
         return right
     grid = right.uv.reshape(board.rows, board.columns, 2)
@@ -259,6 +267,23 @@ def aligned(board: Board, left: Corners, right: Corners) -> Corners:
     shape = left.uv - left.uv.mean(axis=0)
     best = max(orders, key=lambda uv: float(np.sum((uv - uv.mean(axis=0)) * shape)))
     return Corners(right.ids, np.ascontiguousarray(best), right.xyz, right.size, right.blur)
+
+
+def require_board(board: Any) -> None:
+    """Refuse what is no board.
+
+    Parameters
+    ----------
+    board : Chessboard or Charuco
+        Or anything else.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    if not isinstance(board, Board):
+        raise InputError(f"board is {told(board)}, expected a Chessboard or a Charuco")
 
 
 def _check_board(board: Any, what: str, *lengths: str) -> None:
@@ -290,6 +315,7 @@ def _grey(image: Image) -> NDArray[np.uint8]:
     import cv2
 
     check_pixels("image", image)
+    check_luminance("image", image)
     grey: Any = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
     if grey.dtype == np.uint8:
         return np.ascontiguousarray(grey)
@@ -321,7 +347,7 @@ def _find_charuco(board: Charuco, grey: NDArray[np.uint8]) -> tuple[NDArray[np.i
 
 def _has_pose(board: Charuco, ids: NDArray[np.int64]) -> bool:
     """Whether there are enough corners, not all in one row."""
-    if len(ids) < _LEAST:
+    if len(ids) < LEAST_CORNERS:
         return False
     places = board.corners[ids, :2] - board.corners[ids, :2].mean(axis=0)
     return bool(np.linalg.svd(places, compute_uv=False)[1] > board.square / 2)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...types import LENSES, FloatArray
+from ....types import LENSES, FloatArray
 from ._adjustment import Seen, undistorted
 
 _FOCAL = np.geomspace(0.25, 6.0, 24)  # of the image's width: fields of view of 127° to 10° through a pinhole

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...types import LENSES, BoolArray, FloatArray
+from ....types import LENSES, BoolArray, FloatArray
 
 FOCAL, CENTRE = slice(0, 2), slice(2, 4)  # of a camera's numbers; then those of its lens
 _ROUNDS = 4  # of new weights, at most

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import InputError
-from ...types import BoolArray, FloatArray, RawRig
+from ....errors import InputError
+from ....types import BoolArray, FloatArray, RawRig
 from ._adjustment import Seen, undistorted
-from ._board_start import matrix_of_pose, place_board
+from ._start import matrix_of_pose, place_board
 
 CELLS = (8, 6)  # columns, rows of the grid in which coverage is counted
 FEWEST_VIEWS = 5  # of both cameras: as many as Zhang (2000) calibrates real cameras with; three are the least in theory
@@ -153,7 +153,8 @@ def doubts(
         if half:
             found["one_half"] = f"corners lie in the {half} half of the {side} image: show the board in the other too"
         elif share < _LEAST_COVERAGE:
-            found["coverage"] = f"corners lie in {share:.0%} of the {side} image: show the board at its borders too"
+            cells = f"{CELLS[0]} x {CELLS[1]} cells of the {side} image"
+            found["coverage"] = f"corners lie in {share:.0%} of the {cells}: show the board at its borders too"
     if max(spreads) > _NOTED_SPREAD:
         found["focal_spread"] = f"the focal length is known to {max(spreads):.2%} only: add near and tilted views"
     if max(errors) > _LARGE_ERROR:

@@ -1,0 +1,1 @@
+"""What a calibration from views of a board is made of."""
