@@ -7,7 +7,7 @@ cameras share. Views that do not belong to the others are left out, and the spre
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -255,7 +255,7 @@ class _Fit:
         order = [each.place for each in seen]
         shape = Shape(self.lens, 1, len(seen))
         start = np.concatenate([camera, *(places[k] for k in order)])
-        renumbered = [each._replace(place=k, side=0) for k, each in enumerate(seen)]
+        renumbered = [replace(each, place=k, side=0) for k, each in enumerate(seen)]
         values = adjust(shape, renumbered, start, self.free(shape)).values
         return values[shape.of_camera(0)], {k: values[shape.of_place(at)] for at, k in enumerate(order)}
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ..._checks import require
 from ...errors import InputError
 from ...types import FloatArray, Trajectory, real_array
@@ -19,8 +20,8 @@ _LONGEST_GAP = 1 << 40  # frames
 _ROTATION = 1e-3
 
 
-@dataclass(frozen=True)
-class Known:
+@dataclass(frozen=True, repr=False)
+class Known(Brief):
     """Stamps and poses that are known, ascending, and how many are not."""
 
     stamps: FloatArray
@@ -28,8 +29,8 @@ class Known:
     unknown: int
 
 
-@dataclass(frozen=True)
-class Overlap:
+@dataclass(frozen=True, repr=False)
+class Overlap(Brief):
     """Two paths, and the places of poses that match."""
 
     estimate: Known

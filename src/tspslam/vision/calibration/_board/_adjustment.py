@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from ...._brief import Brief
 from ....types import LENSES, BoolArray, FloatArray
 
 FOCAL, CENTRE = slice(0, 2), slice(2, 4)  # of a camera's numbers; then those of its lens
@@ -25,7 +26,8 @@ _FINEST = 1e-4  # px: errors below are rounding
 _LARGEST_DAMPING = 1e12
 
 
-class Seen(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Seen(Brief):
     """Corners of one place of the board in one camera: place, side (0 left, 1 right), on the board, in the image."""
 
     place: int
@@ -67,7 +69,8 @@ class Shape:
         return slice(start, start + 6)
 
 
-class Solution(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Solution(Brief):
     """Unknowns, their covariance, and residuals (N, 2) of each `Seen`, px; ``cost`` is the sum of Huber's losses."""
 
     values: FloatArray
