@@ -461,7 +461,7 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "--frames", "1:x"], "expected A:B"),
     (["run", "a.png", "--depth", "z.png"], "a map goes with one image, --calib"),
     (["run", "a.png", "--calib", "c.yaml", "--depth", "z.png", "--disparity", "d.png"], "either --depth or --disparity"),
-    (["run", "a.png", "b.png", "--calib", "c.yaml", "--unit", "2"], "goes with --depth or --disparity"),
+    (["run", "a.png", "b.png", "--calib", "c.yaml", "--unit", "2"], "goes with depths: one folder, --depth or --disparity"),
     (["calib", "show", "x", "--size", "wide"], "'wide', expected WIDTHxHEIGHT"),
     (["export", "somewhere", "--to", "stl"], "expected one of vtu, ply, npz"),
     (["export", "somewhere", "--frame", "-1"], "--frame"),
