@@ -176,7 +176,7 @@ ARRAY = '<DataArray type="{}" Name="a" NumberOfComponents="{}" format="{}">{}</D
         (b"<a/>", "is a a"),
         (b"<VTKFile type='PolyData'/>", "PolyData"),
         (b"<VTKFile type='UnstructuredGrid'/>", "0 pieces"),
-        (grid(attributes='compressor="vtkLZ4DataCompressor"'), "compressor"),
+        (grid(attributes='compressor="vtkLZ4DataCompressor"'), "LZ4DataCompressor"),
         (grid(attributes='byte_order="Middle"'), "byte order"),
         (grid(tail="<a/>" * 10_001), "elements"),
         (grid(n=-1), "NumberOfPoints"),

@@ -138,14 +138,16 @@ class LiveSequence:
         """What is to be said of the pairs so far, each a ``code`` and a ``message``."""
         said = []
         if self.ended_early:
-            said.append(("camera_lost", f"{self.name}: gave no more images after {self.recorded} pairs"))
+            message = f"{self.name}: gave no more images after {self.recorded} pairs"
+            said.append({"code": "camera_lost", "message": message})
         if self.dropped:
             way = f"tspslam run {one_line(str(self.recording))} takes all"
-            said.append(("frames_dropped", f"{self.dropped} of {self.recorded} recorded pairs were not tracked: {way}"))
+            message = f"{self.dropped} of {self.recorded} recorded pairs were not tracked: {way}"
+            said.append({"code": "frames_dropped", "message": message})
         if self.missed:
             message = f"{self.missed} pairs were not recorded: the disk is slower than the camera"
-            said.append(("frames_missed", message))
-        return [{"code": code, "message": message} for code, message in said]
+            said.append({"code": "frames_missed", "message": message})
+        return said
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {len(self)} pairs)"

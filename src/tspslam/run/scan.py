@@ -152,7 +152,8 @@ def _warnings(frame: Frame, scan: Scan, inside: int) -> Iterator[tuple[str, str]
     if inside < LEAST_SHARE * len(scan):
         said = f"{inside} of {len(scan)} points are in the image, fewer than {LEAST_SHARE:.0%}"
         yield "scan_outside", f"{said}: is the scan in another frame? Expected T_camera_scan (--extrinsics), metres"
-    yield from ((("scan_far", said),) if (said := far_points(scan)) else ())
+    if said := far_points(scan):
+        yield "scan_far", said
     rows = len(scan) + scan.dropped
     if scan.dropped > rows / 2:
         yield "scan_dropped", f"{scan.dropped} of {rows} rows of the scan are no place (0 0 0, or not finite): left out"

@@ -37,10 +37,11 @@ ADVICE = {
     "no_response": "Check that the mesh or the points lie in view of the camera, and that faces share vertices.",
     "no_shared_edge": "Filter it again with --merge-corners, or join the vertices in the program that made the mesh.",
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
+    "polygons": "Nothing is to be done; cut the faces yourself where another diagonal would be better.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
     "scan_dropped": "Nothing is to be done for beams that met nothing; else look at what wrote the scan.",
     "scan_far": "Write the scan in metres, in the scanner's own frame: that of a map, or millimetres, is neither.",
-    "scan_outside": "Check --extrinsics: T_camera_scan takes points of the scanner to the camera's frame, m.",
+    "scan_outside": "Check --extrinsics: it takes points from the scanner's frame to the camera's, in metres.",
     "surface": "Nothing is to be done for a few frames; else choose the plain surface: --set surface.kind=delaunay.",
     "thin_map": "Let the camera see places more than once, from nearby: a slower pass, or more frames a second.",
     "tracking_lost": (
