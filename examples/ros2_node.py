@@ -103,10 +103,8 @@ def main():
             out[name].publish(build(make, header, frame))
         state.update(session=session, before=None if frame.is_lost else frame, count=frame.index + 1)
 
-    heard = [
-        Subscriber(node, type(make(SENSOR + kind)), name, qos_profile=qos_profile_sensor_data)
-        for name, kind in IN.items()
-    ]
+    how = {"qos_profile": qos_profile_sensor_data}
+    heard = [Subscriber(node, type(make(SENSOR + kind)), name, **how) for name, kind in IN.items()]
     ApproximateTimeSynchronizer(heard, 2, slop=0.005).registerCallback(on_pair)
     node.get_logger().info(f"waiting for {', '.join(IN)}; kernels are compiled once, which takes a minute")
     spin(node)

@@ -198,7 +198,9 @@ def test_on_a_terminal_one_line_is_renewed_and_never_wraps(sequence):
     assert len(renewed) > 5
     assert max(map(len, renewed)) < 40
     assert all(any(part.startswith(stage) for part in renewed) for stage in STAGES)
-    shown = [line for line in shown_on_a_terminal(said) if not line.startswith(("warning", "compiling"))]
+    shown = [
+        line for line in shown_on_a_terminal(said) if not line.startswith(("warning", "compiling", "note: stamps"))
+    ]
     assert [bool(re.match("done in ", line)) for line in shown] == [True, False]
     assert (said[-1], shown[-1]) == ("\n", "")
 
@@ -228,7 +230,7 @@ def test_the_table_is_plain_narrow_and_names_commands_that_run(capsys, sequence,
     monkeypatch.chdir(sequence.parent)
     (sequence / "right/001.png").write_bytes(b"")
     code, out, err = type_in(capsys, "run", "drive", "--out", "a run")
-    assert not [line for line in err.splitlines() if not line.startswith(("warning: ", "compiling "))]
+    assert not [line for line in err.splitlines() if not line.startswith(("warning: ", "compiling ", "note: stamps"))]
     lines = out.splitlines()
     assert (code, lines[0]) == (4, "degraded: 3 frames of drive")
     assert max(map(len, lines)) <= 80

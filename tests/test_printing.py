@@ -55,7 +55,7 @@ def test_every_command_prints_names_escaped(capsys, pair_files):
         (["export", out, "--output", folder / "a.vtu"], 1),
         (["calib", "convert", folder / "calib.yaml", folder / "b.yaml"], 1),
         (["calib", "show", folder / "calib.yaml"], 10),
-        (["eval", folder / "t.tum", "--truth", folder / "t.tum"], 16),
+        (["eval", folder / "t.tum", "--truth", folder / "t.tum"], 19),
         (["config", "show", "--config", out / "config.yaml"], None),
     ):  # fmt: skip
         code, printed, remarks = type_in(capsys, *words)

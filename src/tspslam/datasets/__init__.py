@@ -1,6 +1,7 @@
 """Where pairs come from: a sample, folders in known layouts, bags, videos, depth maps, worlds with a known truth."""
 
 from . import synthetic as synthetic
+from . import views as views
 from .euroc import EurocSequence as EurocSequence
 from .folder import StereoFolder as StereoFolder
 from .folder import pair_from_files as pair_from_files

@@ -11,6 +11,7 @@ A `Scene` is shapes and a camera's path; a `SyntheticSequence` takes pairs along
 A `RawSequence` takes them through lenses, such as fisheyes, and rectifies them.
 """
 
+from . import boards as boards
 from .raw import RawSequence as RawSequence
 from .render import Geometry as Geometry
 from .scanner import Echoes as Echoes
