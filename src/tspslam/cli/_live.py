@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from .._files import bad_input
 from ..printing import note
 from ._shared import check_folder
 
 if TYPE_CHECKING:
+    from .._files import bad_input
     from ..datasets import LiveSequence
 
 
