@@ -105,7 +105,7 @@ def test_a_decomposition_with_few_cycles_factors_one_laplacian_once(monkeypatch)
 def test_a_frame_that_is_followed_is_not_searched_for_keypoints(monkeypatch):
     """Both images of a keyframe are. Each image is made grey levels of once, each left one a pyramid."""
     detected, pyramids, greys, halved, levels = [], [], [], images._halved, images.luminance_levels
-    monkeypatch.setattr(images, "_halved", lambda plane: (pyramids.append(1), halved(plane))[1])
+    monkeypatch.setattr(images, "_halved", lambda *given: (pyramids.append(1), halved(*given))[1])
     monkeypatch.setattr(images, "luminance_levels", lambda *given: (greys.append(1), levels(*given))[1])
     ours = odometry.StereoOdometry(RIG, detector=lambda grey: (detected.append(1), DETECTOR(grey))[1])
     walk = corridor(6.0)

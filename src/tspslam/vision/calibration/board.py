@@ -168,7 +168,7 @@ def calibrate(board: Board, views: Sequence[BoardView], *, lens: str = "brown") 
     >>> nothing = detect(Chessboard(9, 6, 0.025), np.zeros((48, 64), np.uint8))
     >>> calibrate(Chessboard(9, 6, 0.025), [BoardView("a", nothing, nothing)])
     Traceback (most recent call last):
-    tspslam.errors.InputError: board: 0 of 1 views can be used, expected 5 or more that both cameras see (a: no ...)
+    tspslam.errors.InputError: board: 0 of 1 views can be used, expected 5 or more that both cameras see (a: no ...
     """
     if lens not in BOARD_LENSES:
         raise InputError(f"board: lens is {repr(lens)[:40]}, expected one of {', '.join(BOARD_LENSES)}")

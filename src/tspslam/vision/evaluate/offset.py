@@ -88,7 +88,7 @@ def find_offset(estimate: Trajectory, reference: Trajectory) -> Offset:
     >>> from scipy.spatial.transform import Rotation
     >>> stamps, poses = 0.1 * np.arange(200), np.tile(np.eye(4), (200, 1, 1))
     >>> turns = np.cumsum(np.random.default_rng(0).normal(0, 0.02, 200))
-    >>> poses[:, :3, :3] = Rotation.from_euler("y", np.cumsum(turns) * 0.1).as_matrix()
+    >>> poses[:, :3, :3] = Rotation.from_euler("y", (np.cumsum(turns) * 0.1)[:, None]).as_matrix()
     >>> found = find_offset(Trajectory(stamps - 1000, poses), Trajectory(stamps, poses))
     >>> round(found.seconds, 3)
     1000.0
