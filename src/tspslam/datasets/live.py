@@ -24,7 +24,7 @@ from ._pairing import checked_index
 from ._reader import Reader
 from ._stereo_layouts import half_size, halves
 from ._video import silence
-from .video import cameras_of
+from .video import calibration_of
 
 _HELD = 64  # frames that may wait to be recorded: two seconds of most cameras
 _AHEAD = 8  # recorded frames that may wait to be tracked; then the oldest is left out
@@ -104,7 +104,7 @@ class LiveSequence:
         known = _known(calib)
         self._captures = open_all(self._ids, frame_size(known, layout), open_capture or open_camera)
         try:
-            cameras_of(known, self._size_of_first())
+            calibration_of(known, self._size_of_first())
             _check_new(self.recording)
         except BaseException:
             self._release()

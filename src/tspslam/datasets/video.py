@@ -13,7 +13,7 @@ from .._checks import require_path
 from .._files import PathLike, bad_input, one_line
 from ..errors import InputError
 from ..types import FloatArray, Image, RawRig, Rig, StereoPair
-from ..vision.calibration.formats import read_stereo, read_stereo_calibration
+from ..vision.calibration.formats import Calibration, read_stereo_calibration
 from ._pairing import NANOSECONDS, checked_index, pair_by_stamp
 from ._reader import Reader
 from ._stereo_layouts import LAYOUTS, check_layout, half_size, halves, likely
@@ -182,12 +182,11 @@ class VideoSequence:
         self, paths: Paths, layout: str | None = None, *,
         calib: PathLike | Rig | RawRig, fps: float | None = None, bits: int | None = None,
     ) -> None:  # fmt: skip
-        size = image_size(paths, layout)
-        cameras = cameras_of(calib, size)  # before the file is gone through
-        self.remarks = [] if isinstance(calib, Rig | RawRig) else list(read_stereo_calibration(calib, size).remarks)
+        found = calibration_of(calib, image_size(paths, layout))  # before the file is gone through
+        self.remarks = list(found.remarks)
         self.images = VideoImages(paths, layout, fps=fps)
         self.stamps, self.unpaired, self.warnings = self.images.stamps, self.images.unpaired, self.images.warnings
-        self._reader = Reader(cameras, self.images.images, self.images.names, bits)
+        self._reader = Reader(found.cameras, self.images.images, self.images.names, bits)
         self.rig = self._reader.rig
 
     @property
@@ -234,8 +233,8 @@ def image_size(paths: Paths, layout: str | None) -> tuple[int, int]:
     return _opened(paths, layout)[1]
 
 
-def cameras_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Rig | RawRig:
-    """Return the cameras of images of a size.
+def calibration_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Calibration:
+    """Return the calibration of images of a size, with what is to be said of it.
 
     Parameters
     ----------
@@ -246,7 +245,7 @@ def cameras_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Rig | R
 
     Returns
     -------
-    Rig or RawRig
+    Calibration
 
     Raises
     ------
@@ -255,22 +254,22 @@ def cameras_of(calib: PathLike | Rig | RawRig, size: tuple[int, int]) -> Rig | R
     """
     if calib is None:
         raise InputError("calib is None, expected the calibration of the video's cameras: a file (--calib)")
-    cameras = calib if isinstance(calib, Rig | RawRig) else _read_cameras(calib, size)
-    known = cameras.left if isinstance(cameras, RawRig) else cameras
+    found = Calibration(calib, "given", {}) if isinstance(calib, Rig | RawRig) else _read_calibration(calib, size)
+    known = found.cameras.left if isinstance(found.cameras, RawRig) else found.cameras
     if (known.width, known.height) != size:
         where = "calib" if isinstance(calib, Rig | RawRig) else str(calib)
         said = f"is of images of {known.width} x {known.height} px, those that are given have {size[0]} x {size[1]} px"
         raise bad_input(where, said, "a calibration of that size, or another layout (--layout)")
-    return cameras
+    return found
 
 
-def _read_cameras(calib: PathLike, size: tuple[int, int]) -> Rig | RawRig:
-    """Cameras of a file: those of another size too, since the error about that names the layout."""
+def _read_calibration(calib: PathLike, size: tuple[int, int]) -> Calibration:
+    """That of a file: one of another size too, since the error about that names the layout."""
     try:
-        return read_stereo(calib, size)
+        return read_stereo_calibration(calib, size)
     except InputError:
         with contextlib.suppress(InputError):
-            return read_stereo(calib)
+            return read_stereo_calibration(calib)
         raise
 
 
