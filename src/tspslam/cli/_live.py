@@ -14,7 +14,6 @@ from ..printing import note
 from ._shared import check_folder
 
 if TYPE_CHECKING:
-    from .._files import bad_input
     from ..datasets import LiveSequence
 
 
@@ -22,6 +21,7 @@ def open_cameras(
     cameras: list[str], layout: str | None, calib: Path | None, out: Path | None, others: dict[str, Any]
 ) -> LiveSequence:
     """Open cameras and the folder that they are recorded to, beside the run folder."""
+    from .._files import bad_input
     from ..datasets import LiveSequence
 
     for option, value in others.items():
