@@ -15,8 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tests.vision.slam.test_cholesky import equations
 from tests.vision.slam.test_pose import RIG, SIGMA, as_observations, observations
-from tspslam.vision.slam._least_squares import solve_positive
-from tspslam.vision.slam.bundle import adjust
+from tspslam.vision.slam.least_squares._kernels import solve_positive
+from tspslam.vision.slam.least_squares.bundle import adjust
 from tspslam.vision.slam.pose import fit_pose
 
 from . import slam, spectral, topology

@@ -121,11 +121,11 @@ if TYPE_CHECKING:
     from .vision.features.orb import OrbDetector as OrbDetector
     from .vision.features.sift_brisk import BriskDetector as BriskDetector
     from .vision.features.sift_brisk import SiftDetector as SiftDetector
-    from .vision.slam.loop_closing import LoopSettings as LoopSettings
-    from .vision.slam.map import MapSettings as MapSettings
-    from .vision.slam.map import MapSnapshot as MapSnapshot
+    from .vision.slam.keyframes.keyframe import MapSnapshot as MapSnapshot
+    from .vision.slam.keyframes.settings import MapSettings as MapSettings
     from .vision.slam.odometry import StereoOdometry as StereoOdometry
     from .vision.slam.odometry import Tracking as Tracking
+    from .vision.slam.places.loop_closing import LoopSettings as LoopSettings
     from .vision.slam.pose import Tracked as Tracked
     from .vision.slam.tracking import TrackingSettings as TrackingSettings
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
@@ -180,8 +180,9 @@ _HOMES = {
     "vision.slam.odometry": ("StereoOdometry", "Tracking"),
     "vision.slam.pose": ("Tracked",),
     "vision.slam.tracking": ("TrackingSettings",),
-    "vision.slam.map": ("MapSettings", "MapSnapshot"),
-    "vision.slam.loop_closing": ("LoopSettings",),
+    "vision.slam.keyframes.settings": ("MapSettings",),
+    "vision.slam.keyframes.keyframe": ("MapSnapshot",),
+    "vision.slam.places.loop_closing": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
     "topological_map": ("TopologicalMap",),

@@ -21,7 +21,7 @@ from .topology.complex import build_complex
 from .topology.texture import sample_signals
 from .types import Response, Rig, StereoPair, Surface, Trajectory
 from .vision.rig import require_baseline
-from .vision.slam.map import MapSnapshot
+from .vision.slam.keyframes.keyframe import MapSnapshot
 from .vision.slam.odometry import StereoOdometry
 from .vision.slam.pose import Tracked
 from .vision.stereo.reconstruct import Stereo, match_stereo

@@ -14,7 +14,7 @@ from tspslam.mapping.settings import MappingSettings
 from tspslam.mapping.views import Sightings, View, to_camera
 from tspslam.topology.harmonic import Tmahf
 from tspslam.vision.rig import project
-from tspslam.vision.slam.map import MapSnapshot
+from tspslam.vision.slam.keyframes.keyframe import MapSnapshot
 
 RIG = Rig(fx=130, fy=126, cx=79.3, cy=59.6, baseline=0.2, width=160, height=120, skew=1.0, doffs=0.5)
 WIDE = replace(RIG, fx=75, fy=75)

@@ -139,7 +139,6 @@ ARRAYS = {
     "negative observations": put("keyframe_observations", 0, -1),
     "more observations than there are": put("keyframe_observations", 0, 1 << 60),
     "a sight outside": put("uv", (0, 0), 1e6),
-    "no image of a keyframe": put("keyframe_has_image", -1, False),
     "descriptors of another length": lambda state: state.update(descriptors=state["descriptors"][:, :3].copy()),
     "descriptors of another type": lambda state: state.update(descriptors=state["descriptors"].astype(np.int64)),
     "frames on no keyframe": put("anchors", 1, 77),

@@ -11,7 +11,7 @@ from .._files import PathLike
 from .._npz import Arrays
 from ..errors import InputError
 from ..types import Rig
-from ..vision.slam.map import MapSnapshot
+from ..vision.slam.keyframes.keyframe import MapSnapshot
 from ._form import (
     RIG_SCHEMA,
     Form,

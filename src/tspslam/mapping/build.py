@@ -13,7 +13,7 @@ from ..frame import Frame
 from ..topological_map import Levels, Observations, TopologicalMap
 from ..topology.complex import build_complex
 from ..types import FloatArray, Rig, Signals, Surface, one_channel
-from ..vision.slam.map import MapSnapshot
+from ..vision.slam.keyframes.keyframe import MapSnapshot
 from .averaging import average, average_answers, estimate_gains
 from .landmarks import Landmarks, join_observations, measure_covariances, place_landmarks
 from .sampling import (

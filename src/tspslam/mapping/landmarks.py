@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .._brief import brief
 from ..errors import GeometryError
 from ..types import BoolArray, FloatArray, Rig
-from ..vision.slam.bundle import Observations, adjust
+from ..vision.slam.least_squares.bundle import Observations, adjust
 from .settings import ObservationSettings
 from .views import Rows, Sightings, join_sightings
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._brief import Brief, brief
 from ..types import BoolArray, FloatArray, Image, Rig
 from ..vision.se3 import inverse
-from ..vision.slam.map import MapSnapshot
+from ..vision.slam.keyframes.keyframe import MapSnapshot
 
 Rows = NDArray[np.int64]
 

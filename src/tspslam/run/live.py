@@ -19,7 +19,7 @@ from ..session import Session
 from ..topological_map import Levels, Observations, TopologicalMap
 from ..topology.complex import Complex, build_complex
 from ..types import FloatArray, Response, Signals, Surface
-from ..vision.slam.map import MapSnapshot
+from ..vision.slam.keyframes.keyframe import MapSnapshot
 from ..vision.slam.odometry import StereoOdometry
 from .map import Keyframes, join_keyframes, kept_keyframes
 

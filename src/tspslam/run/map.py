@@ -23,7 +23,7 @@ from ..session import Session
 from ..settings import Settings
 from ..topological_map import TopologicalMap
 from ..types import BoolArray, FloatArray, Image, Rig
-from ..vision.slam.map import MapSnapshot
+from ..vision.slam.keyframes.keyframe import MapSnapshot
 from .config import resolve
 
 

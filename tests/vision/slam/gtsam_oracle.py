@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tspslam import Rig
 from tspslam.types import BoolArray, FloatArray
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.bundle import Adjustment, Observations, adjust
+from tspslam.vision.slam.least_squares.bundle import Adjustment, Observations, adjust
 
 gtsam = pytest.importorskip("gtsam")
 

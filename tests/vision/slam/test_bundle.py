@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import tspslam
 from tspslam.errors import GeometryError, InputError
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.bundle import Observations, adjust
+from tspslam.vision.slam.least_squares.bundle import Observations, adjust
 
 ROOT = Path(__file__).parents[3]
 RIG = tspslam.Rig(fx=400, fy=410, cx=320, cy=240, baseline=0.2, width=640, height=480, skew=1.5, doffs=4.0)
@@ -185,7 +185,8 @@ def test_a_world_that_no_pose_holds_is_found_up_to_its_place():
 
 def test_many_points_settle_in_few_steps_on_equations_of_the_cameras_alone(monkeypatch):
     """Four steps, each one pass over the observations and 54 equations; the optimum is that of fifty steps."""
-    from tspslam.vision.slam import _least_squares, bundle
+    from tspslam.vision.slam.least_squares import _kernels as _least_squares
+    from tspslam.vision.slam.least_squares import bundle
 
     sizes, passes, solved, reduce = [], [], bundle._solved, _least_squares.reduce
     monkeypatch.setattr(bundle, "_solved", lambda S, b: (sizes.append(S.shape), solved(S, b))[1])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve
 
-from tspslam.vision.slam._least_squares import solve_positive
+from tspslam.vision.slam.least_squares._kernels import solve_positive
 
 
 def equations(n, band, seed=0, full=1):

@@ -7,7 +7,7 @@ import pytest
 
 from tspslam import Session, Settings, Tracking
 from tspslam.io import read_frame, write_frame
-from tspslam.vision.slam.map import MapSettings
+from tspslam.vision.slam.keyframes.settings import MapSettings
 from tspslam.vision.slam.odometry import StereoOdometry
 
 from ...sequences import DETECTOR, RIG, corridor

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from tspslam import GeometryError
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam import _least_squares
-from tspslam.vision.slam._least_squares import pose_equations
-from tspslam.vision.slam.bundle import Observations, adjust
+from tspslam.vision.slam.least_squares import _kernels as _least_squares
+from tspslam.vision.slam.least_squares._kernels import pose_equations
+from tspslam.vision.slam.least_squares.bundle import Observations, adjust
 from tspslam.vision.slam.pose import fit_pose, lens_of
 
 from .test_bundle import RIG, seen_by, world

@@ -17,7 +17,7 @@ from tspslam import Rig, Trajectory
 from tspslam.vision.evaluate import evaluate_trajectory
 from tspslam.vision.rig import back_project
 from tspslam.vision.se3 import alignment, inverse
-from tspslam.vision.slam.bundle import Observations, adjust
+from tspslam.vision.slam.least_squares.bundle import Observations, adjust
 
 LEAST, EVERY, WINDOW = 4, 5, 7
 ALL = 10**9  # older keyframes that may hold

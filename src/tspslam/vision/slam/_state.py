@@ -12,10 +12,11 @@ from ..._checks import is_rigid
 from ..._npz import Arrays, check_shapes
 from ...errors import InputError
 from ...types import FloatArray, Image, Rig
-from ..images import build_pyramid, grey_levels
+from ..images import build_pyramid
 from ..rig import project
 from ..se3 import inverse
-from .map import Keyframe, Map
+from .keyframes.keyframe import Keyframe
+from .keyframes.map import Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
 # were merged, c loops, d 64-bit parts of a descriptor.
@@ -30,7 +31,6 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),
     "keyframe_is_start": ("|b1", ("k",)),
-    "keyframe_has_image": ("|b1", ("k",)),
     "keyframe_observations": ("<i8", ("k",)),
     "landmark": ("<i8", ("s",)),
     "uv": ("<f8", ("s", 2)),
@@ -76,7 +76,6 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
         "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
-        "keyframe_has_image": np.array([frame.grey is not None for frame in frames], np.bool_),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
         "xyz": map_.xyz,
         "descriptors": map_.descriptors,
@@ -98,15 +97,8 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         As `map_state` gave it.
     image_of : callable
         Left image of a frame by its number.
-
-    Raises
-    ------
-    InputError
-        If it asks for too few or too many images.
     """
-    shown, last = state["keyframe_has_image"], map_.settings.references
-    if not shown[-last:].all() or shown.sum() > map_.max_images():
-        raise InputError("map: the state has too few or too many images, expected those of the last keyframes")
+    last = map_.settings.references
     map_.xyz, map_.descriptors = state["xyz"], state["descriptors"]
     map_.landmark_id, map_.next_id = state["landmark_id"], int(state["next_id"])
     map_.merged = state["merged"]
@@ -115,12 +107,11 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
     map_.keyframes = []
     for k, index in enumerate(state["keyframe_index"].tolist()):
         rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
-        left = image_of(index) if shown[k] else None
-        grey = None if left is None else np.array(grey_levels(left))
-        image = build_pyramid(left) if left is not None and k >= len(ends) - last else None
+        map_.images.add_elsewhere(index, image_of)
+        image = build_pyramid(image_of(index)) if k >= len(ends) - last else None
         landmark, uv, disparity, sigma = (state[name][rows] for name in ("landmark", "uv", "disparity", "sigma"))
         T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
-        map_.keyframes.append(Keyframe(index, T, image, grey, landmark, uv, disparity, sigma, is_start))
+        map_.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity, sigma, is_start))
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:

@@ -16,9 +16,10 @@ from ..features.binary import binary_descriptors
 from ..images import PreparedPair, Pyramid
 from ..se3 import inverse, normalised
 from ..stereo.reconstruct import Stereo
-from .bundle import Adjustment, Observations, adjust
-from .loop_closing import PlaceRecognition, distribute_loop_error
-from .map import Keyframe, Keypoints, Map
+from .keyframes.keyframe import Keyframe, Keypoints
+from .keyframes.map import Map
+from .least_squares.bundle import Adjustment, Observations, adjust
+from .places.loop_closing import PlaceRecognition, distribute_loop_error
 from .pose import PoseEstimate
 from .tracking import spread_of
 

@@ -22,9 +22,10 @@ from ..se3 import inverse, normalised, repeated
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
+from .keyframes.map import Map
+from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
-from .loop_closing import LoopSettings, PlaceRecognition
-from .map import Map, MapSettings
+from .places.loop_closing import LoopSettings, PlaceRecognition
 from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, spread_of, track_pose
 
@@ -383,6 +384,7 @@ class StereoOdometry:
         """Release the worker thread; no further pair can be processed."""
         self._is_closed = True
         self.mapper.close()
+        self.map.images.close()
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Collect all that the next frame depends on, as arrays; `restore` takes them.

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...types import Cloud, FloatArray, Rig
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
-from .bundle import lens_of, minimise
+from .least_squares.bundle import lens_of, minimise
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
 _SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
@@ -206,7 +206,7 @@ def fit_pose(
     >>> bool(np.abs(found.T_world_camera - np.eye(4)).max() < 1e-6)
     True
     """
-    from ._least_squares import distances, pose_equations, pose_step
+    from .least_squares._kernels import distances, pose_equations, pose_step
 
     T, lens, weights = inverse(T_world_camera), lens_of(rig), np.empty((len(xyz), 2))
     weights[:, 0], weights[:, 1] = sigma[0] ** -2.0, np.asarray(sigma[1]) ** -2.0

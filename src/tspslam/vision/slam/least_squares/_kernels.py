@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._jit import inlined, kernel, reassociated_kernel
+from ...._jit import inlined, kernel, reassociated_kernel
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]

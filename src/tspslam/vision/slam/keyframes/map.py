@@ -3,182 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._brief import Brief
-from ..._settings import Checked, setting
-from ...types import BoolArray, FloatArray, Rig
-from ..features.binary import Descriptors
-from ..images import Pyramid
-from ..rig import back_project
-from ..se3 import inverse
-from .bundle import Adjustment
-from .pose import PoseEstimate
-from .tracking import Reference
+from ....types import BoolArray, FloatArray, Rig
+from ...images import Pyramid
+from ...rig import back_project
+from ...se3 import inverse
+from ..least_squares.bundle import Adjustment
+from ..pose import PoseEstimate
+from ..tracking import Reference
+from .images import KeyframeImages
+from .keyframe import Keyframe, Keypoints, MapSnapshot
+from .settings import MapSettings
 
 _NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
-
-
-@dataclass(frozen=True)
-class MapSettings(Checked, what="tracking.map"):
-    """Which landmarks and keyframes the map keeps, and what is adjusted.
-
-    Parameters
-    ----------
-    min_total : float
-        Least disparity + doffs of a new landmark; farther points become landmarks once they come nearer.
-    spacing : float
-        Least distance of a new landmark from those that are tracked.
-    references : int
-        Last keyframes whose landmarks are looked for in a new image.
-    cull_every : int
-        Keyframes between cullings.
-    min_views : int
-        Other keyframes that must see a landmark, for one keyframe to be redundant in it.
-    redundant_share : float
-        Share of its landmarks in which a keyframe is redundant, from which it is culled.
-    twin_distance : float
-        Largest distance of two keyframes of which one is culled, if they look the same way and share landmarks.
-    twin_angle : float
-        Largest angle between their viewing directions.
-    twin_share : float
-        Least share of the landmarks of the one that the other sees.
-    image_bytes : float
-        Room for the images of older keyframes, in case the camera comes back.
-    min_shared : int
-        Landmarks in common with the window, from which an older keyframe is held fixed in its adjustment.
-    min_points : int
-        Landmarks seen twice or more that an adjustment needs.
-    max_keyframes : int
-        Keyframes that are adjusted at once; maps of more stay as the windows left them.
-    max_steps : int
-        Steps of an adjustment.
-    outlier : float
-        Standard deviations beyond which an observation is dropped after an adjustment.
-
-    Raises
-    ------
-    InputError
-        If a parameter is out of its range.
-
-    Examples
-    --------
-    >>> MapSettings(spacing=20).spacing
-    20.0
-    """
-
-    min_total: float = setting(1.5, 0, 1e3, unit="px", source="0.3 px are a fifth; KITTI 05 0.75: 45, 3: 37 mm (38)")
-    spacing: float = setting(12.0, 1, 1e3, unit="px", source="patches stay apart; KITTI 05 6: 56, 24: 33 mm (38)")
-    references: int = setting(3, 1, 50, unit="keyframes", source="by hand; KITTI 05 2: 39, 6: 40 mm (38)")
-    cull_every: int = setting(10, 1, 1000, unit="keyframes", source="by hand; KITTI 05 5: 38, 20: 38 mm (38)")
-    min_views: int = setting(3, 1, 100, unit="keyframes", source="Mur-Artal 2015; half, twice: same paths")
-    redundant_share: float = setting(0.9, 0, 1, unit="", source="Mur-Artal 2015; KITTI 05 0.45: 40, 1: 38 mm (38)")
-    twin_distance: float = setting(0.1, 0, 10, unit="m per m of depth", source="by hand; half, twice: same paths")
-    twin_angle: float = setting(15.0, 0, 180, unit="degrees", source="by hand; half, twice: same paths")
-    twin_share: float = setting(0.3, 0, 1, unit="", source="by hand; half, twice: same paths")
-    image_bytes: float = setting(100e6, 0, 1e12, unit="bytes", source="217 keyframes of KITTI; half, twice: same paths")
-    min_shared: int = setting(4, 1, 1000, unit="landmarks", source="by hand; half, twice: same paths")
-    min_points: int = setting(30, 3, 10_000, unit="landmarks", source="two poses' need; half, twice: same paths")
-    max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="72 MB of equations; half, twice: same paths")
-    max_steps: int = setting(8, 1, 100, unit="steps", source="by hand; KITTI 05 4: 38, 16: 38 mm (38)")
-    outlier: float = setting(5.0, 1, 100, unit="sigmas", source="by hand; KITTI 05 2.5: 42, 10: 40 mm (38)")
-
-
-@dataclass(frozen=True, repr=False)
-class Keyframe(Brief):
-    """A frame that the map rests on, and the landmarks that it sees.
-
-    Attributes
-    ----------
-    index : int
-        Number of the frame, from 0.
-    T_world_camera : (4, 4) float64
-        Its pose.
-    image : Pyramid or None
-        Its left image, while landmarks are looked for in it.
-    grey : (H, W) uint8 or None
-        Its left image, while there is room: in case the camera comes back.
-    landmark : (K,) int64
-        Rows of the map's landmarks.
-    uv : (K, 2) float64
-        Where it sees them, px.
-    disparity : (K,) float64
-        As measured, px; NaN where not known.
-    sigma : (K,) float64
-        Standard deviations of the disparities, px; of those that are not known, what they would have.
-    is_start : bool
-        Whether the map began anew with it: its pose against the earlier ones is a guess.
-    """
-
-    index: int
-    T_world_camera: FloatArray
-    image: Pyramid | None
-    grey: NDArray[np.uint8] | None
-    landmark: NDArray[np.int64]
-    uv: FloatArray
-    disparity: FloatArray
-    sigma: FloatArray
-    is_start: bool = False
-
-
-@dataclass(frozen=True)
-class Keypoints:
-    """Keypoints that may become landmarks.
-
-    Attributes
-    ----------
-    uv : (N, 2) float64
-        px.
-    disparity : (N,) float64
-        As measured, px; NaN where not known.
-    descriptors : (N, P) uint64
-        Binary descriptors.
-    """
-
-    uv: FloatArray
-    disparity: FloatArray
-    descriptors: Descriptors
-
-
-@dataclass(frozen=True, repr=False)
-class MapSnapshot(Brief):
-    """The map at one moment, apart from what it becomes; frames and landmarks go by numbers that stay.
-
-    Attributes
-    ----------
-    landmark_id : (M,) int64
-        Numbers of the landmarks, ascending; a number is never given twice.
-    xyz : (M, 3) float64
-        Where they are, m.
-    keyframe : (K,) int64
-        Numbers of the frames that are keyframes, ascending.
-    T_world_camera : (K, 4, 4) float64
-        Their poses.
-    start : (K + 1,) int64
-        Observations of keyframe k are rows ``start[k]`` to ``start[k + 1]`` of what follows.
-    observed_id : (O,) int64
-        Which landmark.
-    uv : (O, 2) float64
-        Where, px.
-    disparity : (O,) float64
-        As measured, px; NaN where not known.
-    merged : (R, 2) int64
-        Pairs (merged, kept) of landmark numbers, in the order of their merging.
-    """
-
-    landmark_id: NDArray[np.int64]
-    xyz: FloatArray
-    keyframe: NDArray[np.int64]
-    T_world_camera: FloatArray
-    start: NDArray[np.int64]
-    observed_id: NDArray[np.int64]
-    uv: FloatArray
-    disparity: FloatArray
-    merged: NDArray[np.int64]
 
 
 class Map:
@@ -200,6 +42,8 @@ class Map:
     ----------
     keyframes : list of Keyframe
         In order.
+    images : KeyframeImages
+        Their left images, by the numbers of the frames.
     xyz : (M, 3) float64
         Landmarks, m.
     descriptors : (M, P) uint64
@@ -219,6 +63,7 @@ class Map:
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
         self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
+        self.images = KeyframeImages(self.settings.image_bytes)
         self.xyz, self.descriptors = np.empty((0, 3)), np.empty((0, 4), np.uint64)
         self.landmark_id, self.next_id = np.empty(0, np.int64), 0
         self.merged = np.empty((0, 2), np.int64)
@@ -258,6 +103,26 @@ class Map:
             name: np.concatenate([empty, *(getattr(frame, name) for frame in self.keyframes)])
             for name, empty in _NOTHING.items()
         }
+
+    def covisible(self, place: int, least: int = 15) -> list[tuple[int, int]]:
+        """Find the keyframes that see landmarks of another.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe of the map.
+        least : int
+            Landmarks in common.
+
+        Returns
+        -------
+        list of (int, int)
+            Keyframes other than `place`, in order, and how many landmarks each shares with it.
+        """
+        is_seen = np.zeros(len(self.xyz), np.bool_)
+        is_seen[self.keyframes[place].landmark] = True
+        shared = [int(is_seen[frame.landmark].sum()) for frame in self.keyframes]
+        return [(k, count) for k, count in enumerate(shared) if k != place and count >= least]
 
     def references(self) -> list[Reference]:
         """The last keyframes, newest first, each with the landmarks that no later one saw.
@@ -311,7 +176,8 @@ class Map:
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
         is_start = bool(self.keyframes) and estimate is None
-        self.keyframes.append(Keyframe(index, T, *images, landmark, uv, disparity, spread(uv), is_start))
+        self.keyframes.append(Keyframe(index, T, images[0], landmark, uv, disparity, spread(uv), is_start))
+        self.images.add(index, images[1])
         self._tidy()
 
     def _new_landmarks(self, keypoints: Keypoints, tracked: FloatArray) -> NDArray[np.int64]:
@@ -333,21 +199,9 @@ class Map:
         if len(self.keyframes) % self.settings.cull_every == 0:
             self._cull_landmarks()
             self._cull_keyframes()
-        if len(self.keyframes) > self.max_images():
-            self._change(-self.max_images() - 1, grey=None)
 
     def _change(self, place: int, **changes: Any) -> None:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
-
-    def max_images(self) -> int:
-        """Return how many keyframes keep their image.
-
-        Returns
-        -------
-        int
-        """
-        room = int(self.settings.image_bytes / (self.rig.width * self.rig.height))
-        return max(2 * self.window, self.settings.references, room)
 
     def _cull_landmarks(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
@@ -388,6 +242,7 @@ class Map:
                 counts[frames[k].landmark] -= 1
                 T = inverse(frames[other].T_world_camera) @ frames[k].T_world_camera
                 self.dropped.append((frames[k].index, frames[other].index, T))
+                self.images.drop(frames[k].index)
         self.keyframes = [frame for frame, is_kept in zip(frames, stays, strict=True) if is_kept]
 
     def _seen_by_the_window(self) -> list[int]:

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..._settings import Checked, setting
-from ...types import BoolArray, FloatArray
-from ..features.binary import Descriptors, match_descriptors, nearest_descriptors
-from ..images import Pyramid, build_pyramid
-from ..rig import project
-from ..se3 import normalised, repeated
-from .map import Keyframe, Map
-from .pose import PoseEstimate, solve_pnp
-from .tracking import Reference, TrackingSettings, refine_pose, track_pose
+from ...._settings import Checked, setting
+from ....types import BoolArray, FloatArray
+from ...features.binary import Descriptors, match_descriptors, nearest_descriptors
+from ...images import Pyramid, build_pyramid
+from ...rig import project
+from ...se3 import normalised, repeated
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..pose import PoseEstimate, solve_pnp
+from ..tracking import Reference, TrackingSettings, refine_pose, track_pose
 
 _MIN_STEP, _GUESSED = (
     1e-6,
@@ -163,7 +164,11 @@ class PlaceRecognition:
         for frame in [*map_.keyframes[: -len(last) - 1 : -1], *similar]:
             T = self._solve_pnp(frame, uv, descriptors)
             if T is not None:
-                own = [] if frame.image is not None else [_reference_to(frame, np.ones(len(frame.landmark), np.bool_))]
+                own = (
+                    []
+                    if frame.image is not None
+                    else self._references_to(frame, np.ones(len(frame.landmark), np.bool_))
+                )
                 estimate = track_pose(map_.rig, image, own or last, map_.xyz, T, self.tracking)
                 if estimate is not None and estimate.share >= self.tracking.relocalized_share:
                     return estimate
@@ -196,8 +201,8 @@ class PlaceRecognition:
             frame = map_.keyframes[place]
             T = self._solve_pnp(frame, uv, descriptors)
             T = estimate.T_world_camera if T is None else T
-            reference = _reference_to(frame, ~tracked[frame.landmark])
-            found = track_pose(map_.rig, image, [reference], map_.xyz, T, self.tracking)
+            reference = self._references_to(frame, ~tracked[frame.landmark])
+            found = track_pose(map_.rig, image, reference, map_.xyz, T, self.tracking) if reference else None
             if found is not None and len(found) >= self.loops.min_landmarks and _distance(found, estimate) <= slack:
                 return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
         return None
@@ -274,7 +279,7 @@ class PlaceRecognition:
         return [(k, np.inf) for k in self._most_similar(self.map_.keyframes[:start], descriptors)] if start else []
 
     def _is_left(self, frame: Keyframe, tracked: BoolArray) -> bool:
-        if frame.grey is None or not len(frame.landmark):
+        if frame.index not in self.map_.images or not len(frame.landmark):
             return False
         return bool(tracked[frame.landmark].mean() < self.loops.known_share)
 
@@ -285,6 +290,13 @@ class PlaceRecognition:
         keypoint, row = match_descriptors(descriptors, known, max_hamming=loops.max_hamming, ratio=loops.ratio)
         points, least = map_.xyz[frame.landmark[row]], self.tracking.min_matches
         return solve_pnp(map_.rig, points, uv[keypoint], max_error=loops.pnp_error, min_matches=least)
+
+    def _references_to(self, frame: Keyframe, wanted: BoolArray) -> list[Reference]:
+        """Some landmarks of an older keyframe, to be tracked; none if its image is gone."""
+        grey = self.map_.images.get(frame.index)
+        if grey is None:
+            return []
+        return [Reference(build_pyramid(grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])]
 
     def _drift(self, found: PoseEstimate, T: FloatArray) -> float:
         """How far a camera at T would see landmarks from where they are, median, px."""
@@ -299,7 +311,7 @@ class PlaceRecognition:
         sample = descriptors[:: max(1, len(descriptors) // loops.sample)]
         is_seen = np.zeros(len(map_.xyz), np.bool_)
         is_seen[nearest_descriptors(sample, map_.descriptors, max_hamming=loops.max_hamming)] = True
-        votes = np.array([is_seen[frame.landmark].sum() if frame.grey is not None else 0 for frame in frames], np.int64)
+        votes = np.array([is_seen[f.landmark].sum() if f.index in map_.images else 0 for f in frames], np.int64)
         best = np.argsort(-votes, kind="stable")[: loops.lost_candidates].tolist()
         return [k for k in best if votes[k] >= self.tracking.min_matches]
 
@@ -348,9 +360,3 @@ def _last_start(map_: Map) -> int:
 def _distance(one: PoseEstimate, other: PoseEstimate) -> float:
     """How far two cameras are apart, m."""
     return float(np.linalg.norm((one.T_world_camera - other.T_world_camera)[:3, 3]))
-
-
-def _reference_to(frame: Keyframe, wanted: BoolArray) -> Reference:
-    """Some landmarks of an older keyframe, to be tracked."""
-    assert frame.grey is not None
-    return Reference(build_pyramid(frame.grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])

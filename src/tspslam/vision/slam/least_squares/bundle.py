@@ -9,9 +9,9 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GeometryError, InputError
-from ...types import BoolArray, FloatArray, Rig, real_array
-from ..se3 import inverse
+from ....errors import GeometryError, InputError
+from ....types import BoolArray, FloatArray, Rig, real_array
+from ...se3 import inverse
 
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = (
     1e-4,
@@ -288,7 +288,7 @@ class _Problem:
 
     def _propose(self, state: _State, count: int, damping: float) -> _State | None:
         """Poses, points and lens after one step; None if the equations have no solution."""
-        from ._least_squares import points_step
+        from ._kernels import points_step
 
         S, b, parts = self._equations(state, count, damping)
         x = _solved(S, b)
@@ -306,7 +306,7 @@ class _Problem:
         self, state: _State, count: int, damping: float
     ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
         """Reduced normal equations, and what the way back to the points needs."""
-        from ._least_squares import reduce
+        from ._kernels import reduce
 
         R, t, X, lens = state
         S, b = np.empty((count, count)), np.empty(count)
@@ -331,14 +331,14 @@ class _Problem:
         return R, t
 
     def _cost(self, state: _State) -> float:
-        from ._least_squares import cost
+        from ._kernels import cost
 
         R, t, X, lens = state
         total = cost(lens, R, t, X, self.pose, self.point, self.seen, self.information, self.huber)
         return float(total + self.prior * lens[7] ** 2)
 
     def _adjustment(self, descent: Descent[_State], count: int) -> Adjustment:
-        from ._least_squares import squares
+        from ._kernels import squares
 
         found = np.empty(len(self.pose))
         squares(self.lens, self.R, self.t, self.X, self.pose, self.point, self.seen, self.information, found)
@@ -361,7 +361,7 @@ class _Problem:
 
 def _solved(S: FloatArray, b: FloatArray) -> FloatArray | None:
     """Solution of symmetric positive equations, which are overwritten; None if they are not."""
-    from ._least_squares import solve_positive
+    from ._kernels import solve_positive
 
     return b if solve_positive(S, b) and np.isfinite(b).all() else None
 
