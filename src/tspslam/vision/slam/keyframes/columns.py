@@ -15,7 +15,7 @@ class Column:
 
     Parameters
     ----------
-    values : (N, ...) array
+    values : (N,) or (N, D) numbers
         The first rows; copied.
 
     Examples
@@ -42,7 +42,7 @@ class Column:
 
         Parameters
         ----------
-        values : (K, ...) array
+        values : (K,) or (K, D) numbers
             The rows.
         """
         values = np.asarray(values)
@@ -54,15 +54,15 @@ class Column:
         self._held[self._count : end] = values
         self._count = end
 
-    def keep(self, first: int, kept: NDArray[Any]) -> None:
+    def keep(self, first: int, kept: NDArray[np.bool_]) -> None:
         """Keep some of the rows from one on; what follows moves up.
 
         Parameters
         ----------
         first : int
             Row before which none is touched.
-        kept : (N - first,) bool or (K,) int64
-            Which of the others stay.
+        kept : (K,) bool
+            Which of the K from there on stay.
         """
         left = self.rows[first:][kept]
         self._count = first + len(left)
@@ -78,7 +78,7 @@ class Column:
 
         Returns
         -------
-        (K, ...) array
+        (K,) or (K, D) numbers
             A copy.
         """
         end = self._count

@@ -80,6 +80,7 @@ class Map:
 
     @xyz.setter
     def xyz(self, values: FloatArray) -> None:
+        """Put others in their place."""
         self._xyz = Column(values)
         self._sightings.cover(len(values))
 
@@ -90,6 +91,7 @@ class Map:
 
     @descriptors.setter
     def descriptors(self, values: Descriptors) -> None:
+        """Put others in their place."""
         self._descriptors = Column(values)
 
     @property
@@ -99,6 +101,7 @@ class Map:
 
     @landmark_id.setter
     def landmark_id(self, values: NDArray[np.int64]) -> None:
+        """Put others in their place."""
         self._landmark_id = Column(values)
 
     @property
@@ -108,6 +111,7 @@ class Map:
 
     @merged.setter
     def merged(self, values: NDArray[np.int64]) -> None:
+        """Put others in their place."""
         self._merged = Column(values)
 
     def snapshot(self) -> MapSnapshot:

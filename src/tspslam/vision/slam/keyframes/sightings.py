@@ -132,8 +132,8 @@ class Sightings:
         ----------
         first : int
             The row.
-        kept : (M - first,) bool
-            Which of these stay.
+        kept : (K,) bool
+            Which of the K from there on stay.
         """
         self._last.keep(first, kept)
 
