@@ -360,22 +360,26 @@ class Map:
 
     def _replacement(self, k: int, gone: list[int]) -> int | None:
         """Which older keyframe can stand for one, if that can go."""
-        frame, settings = self.keyframes[k], self.settings
-        views = self.view_counts(frame.landmark)
-        if (views > settings.min_views).sum() >= settings.redundant_share * len(frame.landmark):
+        frame, settings, count = self.keyframes[k], self.settings, len(self.keyframes[k].landmark)
+        at, seen = self._sightings.of(frame.landmark)
+        views = np.bincount(at, minlength=count)
+        if (views > settings.min_views).sum() >= settings.redundant_share * count:
             return next(other for other in range(k - 1, -1, -1) if other not in gone)
-        T = frame.T_world_camera
+        numbers, shared = np.unique(seen, return_counts=True)
+        older = [self._place(index) for index in numbers[shared / count >= settings.twin_share].tolist()]
+        twins = self._twins(
+            frame, older[: bisect_left(older, k - self.window)]
+        )  # later ones are no place to come back to
+        return next(iter(twins), None)
+
+    def _twins(self, frame: Keyframe, places: list[int]) -> list[int]:
+        """Keyframes, of some, that look from about where another does, the same way."""
+        T, settings = frame.T_world_camera, self.settings
+        others = np.array([self.keyframes[k].T_world_camera for k in places]).reshape(-1, 4, 4)
         near = settings.twin_distance * np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
-        for other in self.seen_by(frame.landmark):
-            if other >= k - self.window:  # no place to come back to
-                break
-            T_other = self.keyframes[other].T_world_camera
-            is_near = np.linalg.norm(T_other[:3, 3] - T[:3, 3]) < near
-            looks_alike = T_other[:3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
-            shared = np.isin(frame.landmark, self.keyframes[other].landmark)
-            if is_near and looks_alike and shared.mean() >= settings.twin_share:
-                return other
-        return None
+        is_near = np.linalg.norm(others[:, :3, 3] - T[:3, 3], axis=1) < near
+        looks_alike = others[:, :3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
+        return [places[i] for i in np.flatnonzero(is_near & looks_alike)]
 
     def merge_landmarks(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
         """Make pairs of landmarks one each; the first of a pair stays where it is, and so does its number.
