@@ -19,7 +19,8 @@ from ..stereo.reconstruct import Stereo
 from .keyframes.keyframe import Keyframe, Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment, Observations, adjust
-from .places.loop_closing import PlaceRecognition, distribute_loop_error
+from .loop_correction import distribute_loop_error
+from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
 
