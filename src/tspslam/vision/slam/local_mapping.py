@@ -20,7 +20,8 @@ from .disparity_bias import DisparityBias
 from .keyframes.keyframe import Keyframe, Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment, Observations, adjust
-from .places.loop_closing import PlaceRecognition, distribute_loop_error
+from .loop_correction import distribute_loop_error
+from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
 
