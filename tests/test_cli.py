@@ -69,6 +69,16 @@ def test_a_pair_fills_the_run_folder(capsys, pair_files):
     assert np.array_equal(np.unique(mesh.cell_data["dim"]), [1, 2])
 
 
+def test_a_pair_reads_its_calibration_once(monkeypatch, pair_files):
+    from tspslam.cli._sources import Given, open_source
+    from tspslam.vision.calibration import formats
+
+    opened, read_text = [], formats.read_text
+    monkeypatch.setattr(formats, "read_text", lambda path, *rest: opened.append(path) or read_text(path, *rest))
+    pairs = open_source(Given([pair_files / "left.png", pair_files / "right.png"], pair_files / "calib.yaml"))
+    assert (len(pairs), len(opened)) == (1, 1)
+
+
 def test_the_same_command_again_keeps_every_byte_and_two_runs_agree(capsys, pair_files):
     run_pair(capsys, pair_files)
     first = content(pair_files / "out")

@@ -11,7 +11,7 @@ from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, RawRig, Rig, StereoPair
-from ..vision.calibration.formats import read_stereo, read_stereo_calibration
+from ..vision.calibration.formats import Calibration, read_stereo_calibration
 from ._folder_images import FolderImages
 from ._kinds import no_image
 from ._pairing import checked_index
@@ -50,11 +50,34 @@ def read_pair(
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
+    return read_pair_with_remarks(left, right, calib, bits=bits)[0]
+
+
+def read_pair_with_remarks(
+    left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig, *, bits: int | None = None
+) -> tuple[StereoPair, tuple[str, ...]]:
+    """Read a pair as `read_pair`, and what is to be said of its calibration.
+
+    Parameters
+    ----------
+    left, right, calib, bits
+        As `read_pair`.
+
+    Returns
+    -------
+    StereoPair
+        The pair.
+    tuple of str
+        Remarks on the calibration, a line each; none of cameras that are given themselves.
+    """
     for side, path in (("left image", left), ("right image", right)):
         require_path(path, side)
     sizes = [_size_of(Path(path)) for path in (left, right)]
-    cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, sizes[0])
-    return FileReader(cameras, [(Path(left), Path(right))], bits).read(0)
+    if isinstance(calib, Rig | RawRig):
+        found = Calibration(calib, "given", {})
+    else:
+        found = read_stereo_calibration(calib, sizes[0])
+    return FileReader(found.cameras, [(Path(left), Path(right))], bits).read(0), found.remarks
 
 
 pair_from_files = read_pair
