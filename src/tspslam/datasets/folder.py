@@ -37,7 +37,7 @@ def read_pair(
     Returns
     -------
     StereoPair
-        Named after the left file.
+        Named after the left file; with the range of its disparities, where the calibration tells it, as Middlebury's.
 
     Raises
     ------
@@ -77,7 +77,8 @@ def read_pair_with_remarks(
         found = Calibration(calib, "given", {})
     else:
         found = read_stereo_calibration(calib, sizes[0])
-    return FileReader(found.cameras, [(Path(left), Path(right))], bits).read(0), found.remarks
+    pair = FileReader(found.cameras, [(Path(left), Path(right))], bits).read(0)
+    return replace(pair, disparity_range=found.disparity_range), found.remarks
 
 
 pair_from_files = read_pair
@@ -99,7 +100,8 @@ class StereoFolder:
     l and r, cam0 and cam1, infra1 and infra2, in capitals too. Without such folders they are images beside each other
     whose names differ so: `left01.png` and `right01.png`, `img_0_L.png` and `img_0_R.png`. Images of two folders that
     have few names in common are paired by the stamps in their names, the nearest to each other within a quarter of the
-    median interval; else by their names without the side; else by the last number in them.
+    median interval, or within half of it where one side is later by about the same throughout; else by their names
+    without the side; else by the last number in them.
 
     Stamps come from `times.txt`, `timestamps.txt` or `stamps.txt` (a line for each left image, or lines of a name and a
     time), in the folder or in that of the left images; else from `fps`; else from names that hold times since 1970, or
