@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -76,10 +77,8 @@ def test_an_interruption_at_any_moment_leaves_the_old_or_the_new(tmp_path: Path,
         before = content(here)
         with pytest.MonkeyPatch.context() as patch:
             interrupter = Interrupter(patch, nth)
-            try:
+            with contextlib.suppress(KeyboardInterrupt):
                 write(here / "made")
-            except KeyboardInterrupt:
-                pass
             is_over = interrupter.left > 0
         after = content(here)
         assert {path.name for path in here.iterdir()} <= {"made"}
