@@ -71,6 +71,7 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
+    map_.close_gaps()
     frames = map_.keyframes
     return map_.observations() | {
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
@@ -112,6 +113,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         landmark, uv, disparity, sigma = (state[name][rows] for name in ("landmark", "uv", "disparity", "sigma"))
         T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
         map_.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity, sigma, is_start))
+    map_.note_sightings()
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
