@@ -1,8 +1,9 @@
-"""Error of the first step of a run, and share of right starts: started at every tenth frame, with 1 of 1, 2 and 3 frames.
+"""Error of the first step of a run, and share of right starts.
 
-``python -m benchmarks.first_steps [--data FOLDER]... [--every N]``. A start is right if it is not lost and ends within 3 % of
-the step, or 0.02 m, of the reference: the truth of a synthetic street, the adjusted path of the whole run of a recording (the
-truth of which has errors of its own a step); beside it, what the truth says.
+``python -m benchmarks.first_steps [--data FOLDER]... [--every N]``: streets at 0 to 3 m and 0 to 15 degrees a frame, and
+recordings started at every tenth frame, with 1 of 1, 2 and 3 frames. A start is right if it is not lost and ends within 3 %
+of the step, or 0.02 m, of the reference: the truth of a street; of a recording the adjusted path of the whole run, as its
+truth has errors of its own a step. What the truth says is told beside.
 """
 
 from __future__ import annotations
@@ -21,7 +22,11 @@ from tspslam.types import FloatArray
 from tspslam.vision.se3 import inverse, rotation_angle
 
 NOISE = synthetic.Faults(noise=0.01, blur=0.5)
-STEPS, TURNS, PLACES = (0.0, 0.5, 1.0, 2.0, 3.0), (0.0, 5.0, 10.0, 15.0), ((0, 10), (1, 40), (2, 25))  # m, degrees, (seed, frame)
+STEPS, TURNS, PLACES = (
+    (0.0, 0.5, 1.0, 2.0, 3.0),
+    (0.0, 5.0, 10.0, 15.0),
+    ((0, 10), (1, 40), (2, 25)),
+)  # m, degrees, (seed, frame)
 SHARE, LEAST = 0.03, 0.02  # of the step, and m: below it a step is nothing that a share can be of
 
 
