@@ -21,6 +21,7 @@ from .keyframes.keyframe import Keyframe, Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment, Observations, adjust
 from .loop_correction import distribute_loop_error
+from .new_landmarks import follow_offset
 from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
@@ -272,9 +273,10 @@ class LocalMapper:
 
     def _apply(self, problem: AdjustmentProblem, found: Adjustment, T: FloatArray) -> FloatArray:
         """Take over an adjustment; returns the pose T, moved with the last keyframe."""
-        before = self.map.keyframes[-1].T_world_camera
+        before, rig = self.map.keyframes[-1].T_world_camera, self.map.rig
         self.map.apply(problem.rows, found, problem.inliers(found, self.map.settings.outlier))
         self.map.rig = self.bias.correct(self._rig)
+        follow_offset(self.map, problem.rows, rig)
         return normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ T)
 
     def restore_bias(self, state: tuple[float, float]) -> None:
