@@ -54,7 +54,7 @@ class AdjustmentProblem:
     used: NDArray[np.int64]
     seen: Observations
 
-    def solve(self, rig: Rig, offset: float, offset_sigma: float, max_steps: int) -> Adjustment:
+    def solve(self, rig: Rig, offset: float, offset_sigma: float | None, max_steps: int) -> Adjustment:
         """Adjust the keyframes, the landmarks and the offset of the disparities.
 
         Parameters
@@ -62,7 +62,7 @@ class AdjustmentProblem:
         rig : Rig
             The cameras as calibrated.
         offset, offset_sigma : float
-            Offset to start from, and its standard deviation before anything is seen, px.
+            Offset to start from, and its standard deviation before anything is seen, px; None where it stays.
         max_steps : int
             Steps at most.
 
@@ -215,8 +215,8 @@ class LocalMapper:
         return self._places.tracking.sigma_uv
 
     @property
-    def _given(self) -> tuple[Rig, float, float, int]:
-        return self._rig, self.bias.value, self.bias.sigma, self.map.settings.max_steps
+    def _given(self) -> tuple[Rig, float, float | None, int]:
+        return self._rig, *self.bias.prior, self.map.settings.max_steps
 
     def join(self, T_world_camera: FloatArray) -> FloatArray:
         """Wait for the adjustment under way, if any, and take it over.

@@ -20,6 +20,7 @@ from ..images import PreparedPair, grey_levels, prepare
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
+from .calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
@@ -330,6 +331,8 @@ class StereoOdometry:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
             self.path.pose = self.mapper.finish(self.path.pose)
+            if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
+                self.path.pose = self.mapper.finish(self.path.pose)
 
     def close(self) -> None:
         """Release the worker thread; no further pair can be processed."""
