@@ -69,6 +69,34 @@ def test_a_pair_fills_the_run_folder(capsys, pair_files):
     assert np.array_equal(np.unique(mesh.cell_data["dim"]), [1, 2])
 
 
+def test_a_pair_reads_its_calibration_once(monkeypatch, pair_files):
+    from tspslam.cli._sources import Given, open_source
+    from tspslam.vision.calibration import formats
+
+    opened, read_text = [], formats.read_text
+    monkeypatch.setattr(formats, "read_text", lambda path, *rest: opened.append(path) or read_text(path, *rest))
+    pairs = open_source(Given([pair_files / "left.png", pair_files / "right.png"], pair_files / "calib.yaml"))
+    assert (len(pairs), len(opened)) == (1, 1)
+
+
+def test_a_pair_is_searched_for_the_disparities_that_its_calibration_tells(capsys, pair_files):
+    rig = read_calibration(pair_files / "calib.yaml").cameras
+    right = f"[{rig.fx} 0 {rig.cx + rig.doffs}; 0 {rig.fy} {rig.cy}; 0 0 1]"
+    text = f"cam0=[{rig.fx} 0 {rig.cx}; 0 {rig.fy} {rig.cy}; 0 0 1]\ncam1={right}\nbaseline={1000 * rig.baseline}\n"
+    text += f"width={rig.width}\nheight={rig.height}\nvmin=12\nvmax=42\nndisp=70\n"
+    (pair_files / "calib.yaml").write_text(text)
+    code, out, err = run_pair(capsys, pair_files, "--json")
+    assert code == 0
+    assert json.loads(out)["calibration"]["disparity_range_px"] == [12, 42]
+    assert "a pair is searched for disparities from 12 to 42 px (vmin, vmax)" in err
+    disparity = read_frame(pair_files / "out/frames/000000.npz").cloud.disparity
+    assert len(disparity) > 15
+    assert 12 <= disparity.min() < disparity.max() <= 42
+    (pair_files / "calib.yaml").write_text(text.replace("vmax=42", "vmax=60"))
+    assert run_pair(capsys, pair_files)[0] == 0
+    assert read_frame(pair_files / "out/frames/000000.npz").cloud.disparity.max() > 42
+
+
 def test_the_same_command_again_keeps_every_byte_and_two_runs_agree(capsys, pair_files):
     run_pair(capsys, pair_files)
     first = content(pair_files / "out")
