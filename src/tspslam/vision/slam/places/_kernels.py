@@ -1,7 +1,7 @@
 """Compiled loops of the place index: keys of words, lists of the words of each key, votes of words for keyframes.
 
-A word is a descriptor that one keyframe or more show. Its views are a chain: ``head[word]`` is the first, ``view[v]`` says
-whose it is and ``after[v]`` which is next; -1 ends it.
+A word is a descriptor that one keyframe or more show. Its views are a chain: ``head[word]`` is the first, ``view[v]``
+says whose it is and ``after[v]`` which is next; -1 ends it.
 """
 
 from __future__ import annotations

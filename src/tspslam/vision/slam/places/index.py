@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ....errors import InputError
 from ....types import FloatArray
 from ...features.binary import Descriptors
-from ..keyframes.map import Map
 
 _TABLES, _KEY_BITS = 4, 18
 _FARTHEST = 40  # bits in 256; longer descriptors in proportion
@@ -21,13 +20,13 @@ _MOST_WORDS = 1 << 24  # as many as an entry can name
 
 
 class PlaceIndex:
-    """Which keyframes show what a view shows: words that are found by several hash tables, each keyed by some bits (LSH).
+    """Which keyframes show what a view shows, by words found in hash tables that are keyed by some bits each (LSH).
 
-    Each descriptor of a keyframe is a word; keyframes that show the same landmark share it. Two descriptors of one point
-    differ in a few bits, so that one of several keys of 18 bits is often the same (Indyk & Motwani 1998); words found so
-    are compared bit by bit, and those within 40 bits vote for their keyframes, the more the fewer these are:
-    ``log2((K + 1) / count)``. There is no vocabulary to load. What is in the index, not how it came there, decides what is
-    found.
+    Each descriptor of a keyframe is a word; keyframes that show the same landmark share it. Two descriptors of one
+    point differ in few bits, so that one of several keys of 18 bits is often the same (Indyk & Motwani 1998). Words
+    found so are compared bit by bit, and those within 40 bits vote for their keyframes, the more the fewer these are:
+    ``log2((K + 1) / count)``. There is no vocabulary to load. What is in the index, not how it came there, decides
+    what is found.
 
     Attributes
     ----------
@@ -57,7 +56,7 @@ class PlaceIndex:
         self._view, self._after = np.zeros(0, np.int32), np.zeros(0, np.int32)
         self._word_places, self._view_places, self._slots = _Places(), _Places(), _Places()
         self._shown: dict[int, tuple[int, NDArray[np.int32]]] = {}  # slot and words of each keyframe
-        self._number, self._count = np.zeros(0, np.int64), np.zeros(0, np.int64)  # by slot
+        self._number = np.zeros(0, np.int64)  # by slot
         self._bits: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
@@ -79,7 +78,7 @@ class PlaceIndex:
         """Memory that its arrays take, bytes."""
         arrays = (
             self._start, self._used, self._size, self._room, self._words, self._head, self._view, self._after,
-            self._number, self._count,
+            self._number,
         )  # fmt: skip
         return sum(one.nbytes for one in arrays) + sum(words.nbytes for _, words in self._shown.values())
 
@@ -104,10 +103,10 @@ class PlaceIndex:
             raise InputError(f"place index: keyframe {number} is added, expected a number from 0 that it does not hold")
         word = self._words_of(descriptors)
         slot, place = int(self._slots.take(1)[0]), self._view_places.take(len(word))
-        self._number, self._count = _grown(self._number, slot + 1), _grown(self._count, slot + 1)
-        self._number[slot], self._count[slot] = number, len(word)
+        self._number = grown(self._number, slot + 1)
+        self._number[slot] = number
         end = self._view_places.end
-        self._view, self._after = _grown(self._view, end), _grown(self._after, end)
+        self._view, self._after = grown(self._view, end), grown(self._after, end)
         add_views(word, slot, place, self._head, self._view, self._after)
         self._shown[number] = slot, word.astype(np.int32)
 
@@ -136,7 +135,6 @@ class PlaceIndex:
         self._view_places.give(place)
         self._word_places.give(gone)
         self._slots.give(np.array([slot]))
-        self._count[slot] = 0
 
     def query(self, descriptors: Descriptors, most: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Find the keyframes that share most with a view.
@@ -152,8 +150,8 @@ class PlaceIndex:
         -------
         numbers : (R,) int64
             Of keyframes that share something with it, the most similar first; of equals, the lower number.
-        scores : (R,) float64
-            Weight of the words shared, over what it would be if all were and each had one keyframe: 0 to 1.
+        words : (R,) float64
+            How many they share: a word that only one keyframe shows counts 1, one that all show nothing.
 
         Raises
         ------
@@ -171,10 +169,9 @@ class PlaceIndex:
             descriptors, keys, self._start, self._used, self._room, self._words, self._head, self._view, self._after,
             _FARTHEST * descriptors.shape[1] // 4, weight, votes,
         )  # fmt: skip
-        score: FloatArray = votes / (weight[1] * np.sqrt(len(keys) * np.maximum(self._count, 1.0)))
         found = np.flatnonzero(votes)
-        best = found[np.lexsort((self._number[found], -score[found]))[:most]]
-        return self._number[best], score[best]
+        best = found[np.lexsort((self._number[found], -votes[found]))[:most]]
+        return self._number[best], votes[best] / weight[1]
 
     def _keys_of(self, descriptors: Descriptors) -> NDArray[np.uint32]:
         """Keys of descriptors in each table, (N, T); none of descriptors without bits."""
@@ -201,7 +198,7 @@ class PlaceIndex:
         if self._word_places.end > _MOST_WORDS:
             raise InputError(f"place index: it holds {_MOST_WORDS} words, expected fewer")
         end = self._word_places.end
-        self._words, self._head = _grown(self._words, end), _grown(self._head, end)
+        self._words, self._head = grown(self._words, end), grown(self._head, end)
         self._words[word[new]], self._head[word[new]] = descriptors[new], -1
         self._enter(keys[new], word[new])
         return word
@@ -215,7 +212,7 @@ class PlaceIndex:
             lists = self._start, self._used, self._size, self._room, self._free
             done = add_entries(keys, word, done, *lists)
             if done < keys.size:
-                self._room = _grown(self._room, len(self._room) + 1)
+                self._room = grown(self._room, len(self._room) + 1)
 
 
 class _Places:
@@ -236,70 +233,13 @@ class _Places:
         self._free = np.concatenate([self._free, rows])
 
 
-def _grown(array: Any, least: int) -> Any:
+def grown(array: Any, least: int) -> Any:
     """An array of at least so many rows: itself, or a copy half as long again."""
     if len(array) >= least:
         return array
     larger = np.zeros((max(least, len(array) * 3 // 2, _SMALLEST), *array.shape[1:]), array.dtype)
     larger[: len(array)] = array
     return larger
-
-
-class MapIndex:
-    """A place index that follows a map: what it finds depends on what the map holds now, not on how it came there.
-
-    Parameters
-    ----------
-    map_ : Map
-        Keyframes and landmarks.
-    """
-
-    def __init__(self, map_: Map) -> None:
-        self._map = map_
-        self._index = PlaceIndex()
-        self._held: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}  # rows and numbers of the landmarks
-
-    def __repr__(self) -> str:
-        return f"MapIndex({self._index!r})"
-
-    def query(self, descriptors: Descriptors, most: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Find the keyframes that share most with a view, of those before the last `MapSettings.references`.
-
-        Parameters
-        ----------
-        descriptors : (N, P) uint64
-            What it shows.
-        most : int
-            How many to return.
-
-        Returns
-        -------
-        numbers : (R,) int64
-            Of their frames, the most similar first.
-        scores : (R,) float64
-            As `PlaceIndex.query` gives them.
-        """
-        self._follow()
-        return self._index.query(descriptors, most)
-
-    def _follow(self) -> None:
-        """Enter keyframes that are new or see other landmarks than before, and forget those that are gone."""
-        map_, held = self._map, self._held
-        frames = map_.keyframes[: -map_.settings.references]
-        for frame in frames:
-            known = held.get(frame.index)
-            if known is not None and known[0] is frame.landmark:
-                continue
-            numbers = map_.landmark_id[frame.landmark]
-            if known is None or not np.array_equal(known[1], numbers):
-                if known is not None:
-                    self._index.drop(frame.index)
-                self._index.add(frame.index, map_.descriptors[frame.landmark])
-            held[frame.index] = frame.landmark, numbers
-        if len(held) > len(frames):
-            for number in held.keys() - {frame.index for frame in frames}:
-                self._index.drop(number)
-                del held[number]
 
 
 def _distinct(descriptors: Descriptors) -> Descriptors:
