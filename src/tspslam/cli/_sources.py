@@ -73,9 +73,9 @@ def _open_cameras(given: Given) -> Source:
 
 def _open_images(given: Given) -> Source:
     from .. import datasets
+    from ..datasets.folder import read_pair_with_remarks
     from ..datasets.layouts import are_parts
     from ..run.pipeline import OnePair
-    from ..vision.calibration.formats import read_calibration
 
     paths = given.paths
     if len(paths) == 1 or are_parts(paths):
@@ -89,8 +89,7 @@ def _open_images(given: Given) -> Source:
         raise typer.BadParameter(said, param_hint="SOURCE")
     if given.calib is None:
         raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-    pair = datasets.read_pair(paths[0], paths[1], given.calib, bits=given.bits)
-    return OnePair(pair, read_calibration(given.calib, (pair.rig.width, pair.rig.height)).remarks)
+    return OnePair(*read_pair_with_remarks(paths[0], paths[1], given.calib, bits=given.bits))
 
 
 def _open_sequence(given: Given) -> Source:

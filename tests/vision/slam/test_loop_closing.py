@@ -11,8 +11,9 @@ from tspslam.vision.features.binary import binary_descriptors
 from tspslam.vision.images import build_pyramid, grey_levels
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.keyframes.settings import MapSettings
+from tspslam.vision.slam.loop_correction import distribute_loop_error
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
-from tspslam.vision.slam.places.loop_closing import LoopSettings, PlaceRecognition, distribute_loop_error
+from tspslam.vision.slam.places.loop_closing import LoopSettings, PlaceRecognition
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings
 

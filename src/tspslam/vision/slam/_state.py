@@ -24,6 +24,8 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
     "anchored": ("<f8", ("t", 4, 4)),
+    "links": ("<i8", ("t",)),
+    "linked": ("<f8", ("t", 6, 6)),
     "poses": ("<f8", (2, 4, 4)),
     "counts": ("<i8", (4,)),
     "closures": ("<i8", ("c", 2)),
@@ -44,7 +46,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "bias": ("<f8", (2,)),
     "has_new_loop": ("|b1", ()),
 }
-_MAY_BE_NAN = frozenset({"disparity"})
+_MAY_BE_NAN = frozenset({"disparity", "linked"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
@@ -177,6 +179,9 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a keyframe is no frame"
     if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
         yield "a frame hangs on no keyframe"
+    links = state["links"]
+    if (links < 0).any() or (links[1:] >= np.arange(1, count)).any() or links[:1].any():
+        yield "a frame was located against one that is not before it"
     wanted, lost, unsolved, asked = state["counts"].tolist()
     if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
         yield "a count is negative or too large"

@@ -16,90 +16,15 @@ from ..features.binary import binary_descriptors
 from ..images import PreparedPair, Pyramid
 from ..se3 import inverse, normalised
 from ..stereo.reconstruct import Stereo
+from .disparity_bias import DisparityBias
 from .keyframes.keyframe import Keyframe, Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment, Observations, adjust
-from .places.loop_closing import PlaceRecognition, distribute_loop_error
+from .loop_correction import distribute_loop_error
+from .new_landmarks import follow_offset
+from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
-
-
-class DisparityBias:
-    """The offset that all disparities have in common, measured less true, px: what windows of keyframes say, weighed.
-
-    Windows share keyframes, so each counts for its share only. Before the first one the offset is 0 ± `sigma`.
-
-    Parameters
-    ----------
-    sigma : float
-        Standard deviation before anything is seen, px.
-    window : int
-        Keyframes in a window.
-
-    Attributes
-    ----------
-    value : float
-        The offset, px.
-    """
-
-    def __init__(self, sigma: float, window: int) -> None:
-        self.sigma, self._window = sigma, window
-        self.value, self._information = 0.0, sigma**-2.0
-
-    @property
-    def std(self) -> float:
-        """Its standard deviation, px."""
-        return float(self._information**-0.5)
-
-    def correct(self, rig: Rig) -> Rig:
-        """Make cameras whose disparities are those that are measured: the one place where the offset is applied.
-
-        Parameters
-        ----------
-        rig : Rig
-            As calibrated.
-
-        Returns
-        -------
-        Rig
-            With ``doffs`` less the offset.
-        """
-        return replace(rig, doffs=rig.doffs - self.value)
-
-    def settle(self, offset: float, std: float) -> None:
-        """Take over what all keyframes together say.
-
-        Parameters
-        ----------
-        offset, std : float
-            The offset and its standard deviation, px.
-        """
-        self.value, self._information = offset, std**-2.0
-
-    @property
-    def state(self) -> tuple[float, float]:
-        """Value and information."""
-        return self.value, self._information
-
-    @state.setter
-    def state(self, state: tuple[float, float]) -> None:
-        """Take them over."""
-        self.value, self._information = state
-
-    def update(self, offset: float, std: float) -> None:
-        """Weigh in what a window found, which began at the same 0 ± `sigma`.
-
-        Parameters
-        ----------
-        offset, std : float
-            The offset and its standard deviation, px.
-        """
-        own = std**-2.0 - self.sigma**-2.0
-        if own <= 0:
-            return
-        measured, weight = offset * std**-2.0 / own, own / self._window
-        self._information += weight
-        self.value += (measured - self.value) * weight / self._information
 
 
 @dataclass(frozen=True)
@@ -129,7 +54,7 @@ class AdjustmentProblem:
     used: NDArray[np.int64]
     seen: Observations
 
-    def solve(self, rig: Rig, offset: float, offset_sigma: float, max_steps: int) -> Adjustment:
+    def solve(self, rig: Rig, offset: float, offset_sigma: float | None, max_steps: int) -> Adjustment:
         """Adjust the keyframes, the landmarks and the offset of the disparities.
 
         Parameters
@@ -137,7 +62,7 @@ class AdjustmentProblem:
         rig : Rig
             The cameras as calibrated.
         offset, offset_sigma : float
-            Offset to start from, and its standard deviation before anything is seen, px.
+            Offset to start from, and its standard deviation before anything is seen, px; None where it stays.
         max_steps : int
             Steps at most.
 
@@ -290,8 +215,8 @@ class LocalMapper:
         return self._places.tracking.sigma_uv
 
     @property
-    def _given(self) -> tuple[Rig, float, float, int]:
-        return self._rig, self.bias.value, self.bias.sigma, self.map.settings.max_steps
+    def _given(self) -> tuple[Rig, float, float | None, int]:
+        return self._rig, *self.bias.prior, self.map.settings.max_steps
 
     def join(self, T_world_camera: FloatArray) -> FloatArray:
         """Wait for the adjustment under way, if any, and take it over.
@@ -348,9 +273,10 @@ class LocalMapper:
 
     def _apply(self, problem: AdjustmentProblem, found: Adjustment, T: FloatArray) -> FloatArray:
         """Take over an adjustment; returns the pose T, moved with the last keyframe."""
-        before = self.map.keyframes[-1].T_world_camera
+        before, rig = self.map.keyframes[-1].T_world_camera, self.map.rig
         self.map.apply(problem.rows, found, problem.inliers(found, self.map.settings.outlier))
         self.map.rig = self.bias.correct(self._rig)
+        follow_offset(self.map, problem.rows, rig)
         return normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ T)
 
     def restore_bias(self, state: tuple[float, float]) -> None:
