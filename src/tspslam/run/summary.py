@@ -65,7 +65,7 @@ def summarize_run(
         "frames": len(rows),
         "tracked": len(tracked) - lost,
         "keyframes": sum(row.is_keyframe for row in tracked),
-        "landmarks": len(odometry.map.xyz) if odometry else 0,
+        "landmarks": odometry.map.landmark_count if odometry else 0,
         "loops": odometry.loops if odometry else 0,
         "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.mapper.closures] if odometry else [],
         "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],

@@ -114,6 +114,11 @@ class Map:
         """Put others in their place."""
         self._merged = Column(values)
 
+    @property
+    def landmark_count(self) -> int:
+        """How many landmarks there are: rows but gaps."""
+        return len(self.xyz) - len(self.gaps)
+
     def snapshot(self) -> MapSnapshot:
         """Copy the map as it is now.
 
@@ -312,10 +317,6 @@ class Map:
         """Keep some of a keyframe's observations."""
         columns = {name: getattr(self.keyframes[place], name)[kept] for name in _NOTHING}
         self._change(place, **columns | changes)
-
-    def close_gaps(self) -> None:
-        """Move landmarks up to where culled ones were."""
-        self._close_gaps(0.0)
 
     def _close_gaps(self, least: float) -> None:
         """Move the rows up from the first gap on from which at least such a share are gaps."""
