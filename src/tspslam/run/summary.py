@@ -219,6 +219,12 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
     if odometry and odometry.unsolved:
         message = f"{odometry.unsolved} adjustments of the map had no solution"
         yield {"code": "adjustment", "message": message}
+    if odometry and odometry.map.images.forgotten:
+        message = (
+            f"{odometry.map.images.forgotten} images of old keyframes are gone: the disk had no room for them, or the "
+            "source has them no more; their places are not known again"
+        )
+        yield {"code": "images_forgotten", "message": message}
 
 
 def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:

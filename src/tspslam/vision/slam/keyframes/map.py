@@ -65,7 +65,7 @@ class Map:
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
         self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
-        self.images = KeyframeImages(self.settings.image_bytes)
+        self.images = KeyframeImages(self.settings.image_bytes, (rig.height, rig.width))
         self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
