@@ -113,7 +113,7 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
         odometry.map.settings = MapSettings(min_views=1, redundant_share=share)
         thin()
     assert odometry.map.dropped
-    odometry.path.record(1e3, odometry.map)
+    odometry.path.record(1e3, odometry.map, (0, np.eye(6)))
     np.testing.assert_allclose(odometry.trajectory.T_world_camera[:-1], before, atol=1e-9)
 
 
