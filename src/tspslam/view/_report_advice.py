@@ -14,6 +14,7 @@ ADVICE = {
     "camera_lost": "Look at the cable, and at other programs that use the camera; the recording has all that it gave.",
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
+    "depth_empty": "Look at those depth files: the frames are placed by others alone, and add no points.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
     "depth_range": "Check --unit (0.001 reads millimetres), and say which sensor it is (--sensor).",
     "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
