@@ -15,7 +15,7 @@ from tspslam.vision.slam.pose import PoseEstimate
 from ...sequences import SMALL_RIG
 
 STEP = 2.0  # m from keyframe to keyframe
-SEEN = 150  # new keypoints in each
+SEEN = 100  # new keypoints in each
 
 
 class Drive:
