@@ -285,12 +285,15 @@ def test_images_of_old_keyframes_take_bounded_memory_and_are_not_forgotten(walk)
     assert len(images._held) == 1
     for frame in frames:
         assert np.array_equal(images.get(frame.index), grey_levels(pairs[frame.index].left))
+    odometry.close()
 
 
 def test_a_path_is_the_same_wherever_the_images_are(walk):
     pairs = to_and_fro(walk, 2)[0]
     inside, outside = (went(pairs, Tracking(map=MapSettings(image_bytes=room))) for room in (1e9, 0))
     assert np.array_equal(inside.trajectory.T_world_camera, outside.trajectory.T_world_camera)
+    inside.close()
+    outside.close()
 
 
 @pytest.mark.parametrize("stop", [2 * THERE - 7, 2 * THERE + 15])
