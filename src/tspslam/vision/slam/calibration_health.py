@@ -50,12 +50,17 @@ def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) ->
     if whole is None:
         return None
     used = rig.doffs - map_.rig.doffs
-    ends = np.linspace(0, len(map_.keyframes), 4).astype(int)
-    thirds = [every.influence(map_.keyframes[start:end]) for start, end in pairwise(ends.tolist())]
+
+    def parts(count: int) -> tuple[Estimate | None, ...]:
+        ends = np.linspace(0, len(map_.keyframes), count + 1).astype(int).tolist()
+        found = [every.influence(map_.keyframes[start:end]) for start, end in pairwise(ends)]
+        return tuple(None if part is None else _known(_offset_of(part, used)) for part in found)
+
     groups = np.eye(5)[:, :4]
     return CalibrationHealth(
         offset=_with_prior(_offset_of(whole, used), sigma_offset),
-        thirds=tuple(_known(None if third is None else _offset_of(third, used)) for third in thirds),
+        halves=parts(2),
+        thirds=parts(3),
         far_near=whole.estimate(groups, (0.5, 0.5, -0.5, -0.5)),
         right_left=whole.estimate(groups, (-0.5, 0.5, -0.5, 0.5)),
         focal=whole.estimate(_TOGETHER, (0.0, 1.0)),
@@ -74,8 +79,8 @@ def _with_prior(found: Estimate, sigma: float) -> Estimate:
     return Estimate(found.value * (std / found.std) ** 2 if found.std > sigma else found.value, std)
 
 
-def _known(found: Estimate | None) -> Estimate | None:
-    return None if found is None or found.std > _VAGUE else found
+def _known(found: Estimate) -> Estimate | None:
+    return None if found.std > _VAGUE else found
 
 
 def settle_offset(bias: DisparityBias, map_: Map, rig: Rig, sigma_uv: float) -> bool:
