@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 from ..._brief import Brief
 from ...types import Rig
@@ -12,8 +11,6 @@ from .least_squares.offsets import Estimate
 LARGE_OFFSET = 0.5  # px: recordings calibrated with care have up to 0.4 (KITTI 05)
 LARGE_FOCAL = 0.05  # of the focal length: KITTI 05, which turns, has 0.022 and a path that is right to 0.04 m
 SURE = 3.0  # standard deviations
-_HALVES = ("the first half of the path", "the last half")
-_THIRDS = ("the first third of the path", "the middle third", "the last third")
 
 
 @dataclass(frozen=True, repr=False)
@@ -24,8 +21,10 @@ class CalibrationHealth(Brief):
     ----------
     offset : Estimate
         Of all disparities, measured less true, px.
-    halves, thirds : tuple of 2 or 3 Estimate or None
-        The same over each half and third of the keyframes; None where there are too few.
+    thirds : tuple of 3 Estimate or None
+        The same over the first, middle and last third of the keyframes; None where there are too few.
+    drift : Estimate or None
+        That of the last third less that of the first, px; uncertain where the middle one is not between them.
     far_near : Estimate
         That of farther points less that of nearer ones, px.
     right_left : Estimate
@@ -35,31 +34,18 @@ class CalibrationHealth(Brief):
     """
 
     offset: Estimate
-    halves: tuple[Estimate | None, ...]
     thirds: tuple[Estimate | None, ...]
+    drift: Estimate | None
     far_near: Estimate
     right_left: Estimate
     focal: Estimate
 
     @property
-    def drift(self) -> Estimate | None:
-        """Largest difference of two halves or thirds, in standard deviations: the later less the earlier, px."""
-        return max((each for _, each in self._drifts()), key=lambda each: abs(each.value) / each.std, default=None)
-
-    def _drifts(self) -> list[tuple[str, Estimate]]:
-        """Differences of two halves and of two thirds, with what is compared."""
-        found = []
-        for names, parts in ((_HALVES, self.halves), (_THIRDS, self.thirds)):
-            known = [(name, part) for name, part in zip(names, parts, strict=True) if part is not None]
-            found += [(f"{b} and {a}", later.less(earlier)) for (a, earlier), (b, later) in combinations(known, 2)]
-        return found
-
-    @property
-    def unexplained(self) -> tuple[str, ...]:
-        """What one offset of all disparities cannot explain, in words; nothing where it explains what was seen."""
-        places = [("far and near points", self.far_near), ("the right and left of the image", self.right_left)]
-        large = [pair for pair in (*places, *self._drifts()) if pair[1].exceeds(LARGE_OFFSET, SURE)]
-        return tuple(f"it differs by {each.value:+.2f} ± {each.std:.2g} px between {words}" for words, each in large)
+    def unexplained(self) -> tuple[tuple[str, Estimate], ...]:
+        """Large differences that one offset of all disparities cannot explain, px, with what is compared."""
+        found = [("far and near points", self.far_near), ("the right and left of the image", self.right_left)]
+        found += [] if self.drift is None else [("the last and first third of the path", self.drift)]
+        return tuple((words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE))
 
 
 class DisparityBias:
