@@ -63,6 +63,9 @@ def run_command(
     config: ConfigOption = None,
     assignments: SetOption = None,
     threads: ThreadsOption = None,
+    fix_offset: Annotated[
+        bool, typer.Option("--fix-offset", help="Take an offset of all disparities off points and responses too.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser while it goes on.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -77,6 +80,7 @@ def run_command(
         expected = ", ".join(KINDS["detector"])
         raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
+    chosen += ["mapping.fix_offset=true"] if fix_offset else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     given = Given(
         source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
