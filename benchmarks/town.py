@@ -31,7 +31,7 @@ from tspslam.run.sequence import SequenceRun
 from tspslam.session import Session
 
 from .town_images import Town, opened, render
-from .town_measures import CLOSED, false_closures, motion_errors, revisits, runs, tied
+from .town_measures import CLOSED, far_closures, motion_errors, revisits, runs, tied
 
 WITHOUT_LOOPS = ("tracking.loops.candidates=0", "tracking.loops.lost_candidates=0")
 KILOMETRE = 1000.0  # m
@@ -92,7 +92,8 @@ def measure(path: Trajectory, truth: Trajectory, odometry: Any) -> dict[str, Any
     anchors = np.array([index for index, _ in odometry.path.anchors])[again[:, 0]]
     back = np.isin(anchors, known) | (stamps[again[:, 0]] - stamps[anchors] > 30)
     closures = np.array(odometry.mapper.closures, np.int64).reshape(-1, 2)
-    wrong = false_closures(closures, poses)
+    far = far_closures(closures, poses)
+    wrong = far[motion_errors(path.T_world_camera, poses, far) > CLOSED]
     return {
         "frames": len(truth.stamp),
         "way, m": errors.kitti.travelled_m,
@@ -108,7 +109,8 @@ def measure(path: Trajectory, truth: Trajectory, odometry: Any) -> dict[str, Any
         "not closed": runs(again[off > CLOSED, 0]),
         "largest error of a revisit, m": float(off.max(initial=0)),
         "closures": closures.tolist(),
-        "false closures": wrong.tolist(),
+        "closures of places over 10 m away": far.tolist(),
+        "false closures, also over 0.5 m off": wrong.tolist(),
         "keyframes": len(map_.keyframe),
         "landmarks": len(map_.xyz),
         "disparity offset, px": list(odometry.disparity_offset),
