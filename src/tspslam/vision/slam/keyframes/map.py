@@ -54,8 +54,10 @@ class Map:
         Number of the next landmark.
     merged : (R, 2) int64
         Pairs (merged, kept) of landmark numbers, in the order of their merging.
-    has_new_loop : bool
-        Whether a loop was closed since the last adjustment: the next one is of the whole map.
+    loop : Keyframe or None
+        The last keyframe as older landmarks have it, while a loop is being closed.
+    unsettled : set of int
+        Keyframes that were not adjusted since a loop was closed: numbers of their frames.
     dropped : list of (int, int, (4, 4) float64)
         Keyframes culled since the path was last told: frame, its replacement, T_replacement_frame.
     """
@@ -67,7 +69,8 @@ class Map:
         self.xyz, self.descriptors = np.empty((0, 3)), np.empty((0, 4), np.uint64)
         self.landmark_id, self.next_id = np.empty(0, np.int64), 0
         self.merged = np.empty((0, 2), np.int64)
-        self.has_new_loop = False
+        self.loop: Keyframe | None = None
+        self.unsettled: set[int] = set()
         self.dropped: list[tuple[int, int, FloatArray]] = []
 
     def snapshot(self) -> MapSnapshot:
