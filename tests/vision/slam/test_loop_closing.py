@@ -249,12 +249,13 @@ def test_nobody_is_recognised_where_nobody_was(walk):
 
 
 def test_images_of_old_keyframes_take_bounded_memory_and_are_not_forgotten(walk):
-    odometry = went(to_and_fro(walk, 2)[0], Tracking(map=MapSettings(image_bytes=1)))
+    pairs = to_and_fro(walk, 2)[0]
+    odometry = went(pairs, Tracking(map=MapSettings(image_bytes=1)))
     images, frames = odometry.map.images, odometry.map.keyframes
     assert len(frames) > 14
     assert len(images._held) == 1
     for frame in frames:
-        assert np.array_equal(images.get(frame.index), grey_levels(walk[0][frame.index].left))
+        assert np.array_equal(images.get(frame.index), grey_levels(pairs[frame.index].left))
 
 
 def test_a_path_is_the_same_wherever_the_images_are(walk):

@@ -75,6 +75,7 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
+    map_.close_gaps()
     frames = map_.keyframes
     return map_.observations() | {
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
@@ -131,6 +132,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         u, v, disparity, sigma = state["loop_seen"].T.copy()
         T, landmark, uv = state["loop_pose"], state["loop_landmark"], np.column_stack([u, v])
         map_.loop = Keyframe(map_.keyframes[-1].index, T, None, landmark, uv, disparity, sigma)
+    map_.note_sightings()
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -224,8 +226,8 @@ def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
 
 def _wrong_loop(state: Arrays) -> Iterator[str]:
     landmark, (u, v, _, sigma) = state["loop_landmark"], state["loop_seen"].T
-    if landmark.size and not (landmark.min() >= 0 and landmark.max() < len(state["xyz"])):
-        yield "a loop is closed by a landmark that is not there"
+    if not ((landmark >= 0) & (landmark < state["next_id"])).all():
+        yield "a loop is closed by a landmark that never was"
     if len(np.unique(landmark)) < len(landmark) or not (len(state["keyframe_index"]) > 1 or not landmark.size):
         yield "a loop is closed by a landmark twice, or to no keyframe"
     if np.isnan(u).any() or np.isnan(v).any() or not (sigma > 0).all():

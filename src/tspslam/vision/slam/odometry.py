@@ -302,9 +302,9 @@ class StereoOdometry:
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting
         state = map_state(self.map) | {
-            "stamps": np.array(path.stamps),
-            "anchors": np.array([index for index, _ in path.anchors], np.int64),
-            "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
+            "stamps": path.stamps,
+            "anchors": path.anchors,
+            "anchored": path.anchored,
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
@@ -333,8 +333,7 @@ class StereoOdometry:
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
-        path.stamps = state["stamps"].tolist()
-        path.anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
+        path.restore(state["stamps"], state["anchors"], state["anchored"])
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_adjusting = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]

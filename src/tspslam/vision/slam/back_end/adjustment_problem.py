@@ -26,8 +26,8 @@ class AdjustmentProblem(Brief):
         K keyframes.
     fixed : (K,) bool
         Those whose poses stay.
-    rows : (P,) int64
-        Landmarks.
+    landmark_id : (P,) int64
+        Numbers of the landmarks: their rows may move meanwhile.
     xyz : (P, 3) float64
         Where they are, m.
     used : (O,) int64
@@ -38,7 +38,7 @@ class AdjustmentProblem(Brief):
 
     frames: tuple[Keyframe, ...]
     fixed: BoolArray
-    rows: NDArray[np.int64]
+    landmark_id: NDArray[np.int64]
     xyz: FloatArray
     used: NDArray[np.int64]
     seen: Observations
@@ -75,6 +75,21 @@ class AdjustmentProblem(Brief):
         return adjust(
             rig, T, self.xyz, self.seen, fixed=self.fixed, max_steps=max_steps, offset=offset, offset_sigma=offset_sigma
         )
+
+    def apply(self, map_: Map, found: Adjustment, outlier: float) -> None:
+        """Take over poses and landmarks, and drop outliers.
+
+        Parameters
+        ----------
+        map_ : Map
+            Changed; its landmarks may have moved to other rows since.
+        found : Adjustment
+            What `solve` gave.
+        outlier : float
+            Standard deviations beyond which an observation goes.
+        """
+        rows = np.searchsorted(map_.landmark_id, self.landmark_id)
+        map_.apply(rows, found, self.inliers(found, outlier))
 
     def inliers(self, found: Adjustment, outlier: float) -> dict[int, tuple[int, BoolArray]]:
         """Tell which observations of each keyframe stay.
@@ -172,11 +187,9 @@ def collect_problem(map_: Map, moving: Sequence[int], sigma_uv: float) -> Adjust
 
 def _holding(map_: Map, moving: Sequence[int], rows: NDArray[np.int64]) -> list[int]:
     """Places of the other keyframes that see enough of the landmarks."""
-    others: set[int] = set(range(len(map_.keyframes)))
-    if 2 * len(moving) < len(others):
-        others = {k for place in moving for k, _ in map_.covisible(place, 1)}
+    others = set(map_.seen_by(rows)) - set(moving)
     least = map_.settings.min_shared
-    return [k for k in sorted(others - set(moving)) if _find(rows, map_.keyframes[k].landmark)[0].sum() >= least]
+    return [k for k in sorted(others) if _find(rows, map_.keyframes[k].landmark)[0].sum() >= least]
 
 
 def _find(rows: NDArray[np.int64], landmark: NDArray[np.int64]) -> tuple[BoolArray, NDArray[np.int64]]:
@@ -201,5 +214,5 @@ def _problem(
     uv = np.concatenate([frame.uv for frame in frames])[used]
     disparity, sigma = (np.concatenate([getattr(f, name) for f in frames])[used] for name in ("disparity", "sigma"))
     seen = Observations(pose[used], point, uv, disparity, np.full(len(used), sigma_uv), sigma)
-    kept = rows[is_twice]
-    return AdjustmentProblem(tuple(frames), np.arange(len(frames)) < held, kept, map_.xyz[kept], used, seen)
+    kept, fixed = rows[is_twice], np.arange(len(frames)) < held
+    return AdjustmentProblem(tuple(frames), fixed, map_.landmark_id[kept], map_.xyz[kept], used, seen)

@@ -65,7 +65,7 @@ class AdjustmentJob(Brief):
         found : Adjustment
             What `solve` gave.
         """
-        map_.apply(self.problem.rows, found, self.problem.inliers(found, self.outlier))
+        self.problem.apply(map_, found, self.outlier)
         map_.unsettled.difference_update(self.problem.moving)
 
 
@@ -126,10 +126,10 @@ def solve_loop(
     ClosedLoop or None
         None if the graph of the poses has no solution.
     """
-    assert copy.loop is not None
+    copy.note_sightings()
     before(copy)
     try:
-        motions = LoopProblem(tuple(copy.keyframes), copy.loop, copy.xyz, copy.rig, sigma_uv).solve()
+        motions = LoopProblem.of(copy, sigma_uv).solve()
     except GeometryError:
         return None
     close_loop(copy, motions, same_landmark)
@@ -138,7 +138,7 @@ def solve_loop(
 
 
 def copy_map(map_: Map) -> Map:
-    """Copy what an adjustment changes of a map: keyframes and landmarks, without images.
+    """Copy what an adjustment changes of a map: keyframes and landmarks; who sees what is not noted yet.
 
     Parameters
     ----------
@@ -150,8 +150,7 @@ def copy_map(map_: Map) -> Map:
     Map
     """
     copy = Map(map_.rig, window=map_.window, settings=map_.settings)
-    copy.keyframes, copy.xyz = list(map_.keyframes), map_.xyz.copy()
-    copy.descriptors, copy.landmark_id, copy.next_id = map_.descriptors, map_.landmark_id, map_.next_id
+    copy.keyframes, copy.xyz, copy.landmark_id = list(map_.keyframes), map_.xyz, map_.landmark_id
     copy.merged, copy.loop, copy.unsettled = map_.merged, map_.loop, set(map_.unsettled)
     return copy
 

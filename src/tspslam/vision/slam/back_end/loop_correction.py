@@ -48,6 +48,23 @@ class LoopProblem(Brief):
     rig: Rig
     sigma_uv: float
 
+    @classmethod
+    def of(cls, map_: Map, sigma_uv: float) -> LoopProblem:
+        """Collect the keyframes of a map of which a loop is being closed.
+
+        Parameters
+        ----------
+        map_ : Map
+            Keyframes and landmarks.
+        sigma_uv : float
+            Standard deviation of a tracked point, px.
+
+        Returns
+        -------
+        LoopProblem
+        """
+        return cls(tuple(map_.keyframes), _seen_again(map_), map_.xyz, map_.rig, sigma_uv)
+
     def solve(self) -> FloatArray:
         """Find how each keyframe moves, so that neighbours keep their relative poses and the loop is closed.
 
@@ -138,11 +155,18 @@ def note_loop(
     spread : callable
         Standard deviations of the disparities at places (K, 2) of the image, (K,) px.
     """
-    rows = np.searchsorted(map_.landmark_id, ids)
-    kept = np.flatnonzero(np.append(map_.landmark_id, -1)[rows] == ids)
-    uv = again.uv[kept]
-    index = map_.keyframes[-1].index
-    map_.loop = Keyframe(index, again.T_world_camera, None, rows[kept], uv, again.disparity[kept], spread(uv))
+    index, T = map_.keyframes[-1].index, again.T_world_camera
+    map_.loop = Keyframe(index, T, None, ids, again.uv, again.disparity, spread(again.uv))
+
+
+def _seen_again(map_: Map) -> Keyframe:
+    """The loop that is being closed, with the rows of those of its landmarks that the map still has."""
+    loop = map_.loop
+    assert loop is not None
+    at = np.minimum(np.searchsorted(map_.landmark_id, loop.landmark), len(map_.landmark_id) - 1)
+    kept = (map_.landmark_id[at] == loop.landmark) & (map_.view_counts(at) > 0)
+    columns = {name: getattr(loop, name)[kept] for name in ("uv", "disparity", "sigma")}
+    return replace(loop, landmark=at[kept], **columns)
 
 
 def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
@@ -157,8 +181,7 @@ def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
     same_landmark : float
         Distance of two observations, in u, v and disparity, of one landmark, px.
     """
-    assert map_.loop is not None
-    frames, loop = map_.keyframes, map_.loop
+    frames, loop = map_.keyframes, _seen_again(map_)
     landmark = np.concatenate([frame.landmark for frame in reversed(frames)])
     first_seen = np.zeros(len(map_.xyz), np.int64)
     first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
@@ -182,10 +205,4 @@ def _join_sights(map_: Map, again: Keyframe, same_landmark: float) -> None:
     away, nearest = cKDTree(places[0][known[0]]).query(places[1][known[1]], distance_upper_bound=same_landmark)
     is_same = np.isfinite(away)
     map_.merge_landmarks(again.landmark[known[0][nearest[is_same]]], own.landmark[known[1][is_same]])
-    own = map_.keyframes[-1]
-    new = ~np.isin(again.landmark, own.landmark)
-    columns = {
-        name: np.concatenate([getattr(own, name), getattr(again, name)[new]])
-        for name in ("landmark", "uv", "disparity", "sigma")
-    }
-    map_.keyframes[-1] = replace(own, **columns)
+    map_.observe(len(map_.keyframes) - 1, again)
