@@ -77,16 +77,18 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
-    map_.close_gaps()
-    frames = map_.keyframes
-    return map_.observations() | {
+    frames, gaps = map_.keyframes, map_.gaps
+    columns = map_.observations()
+    row = np.cumsum(np.bincount(gaps, minlength=len(map_.xyz)) == 0) - 1  # without the gaps
+    return columns | {
+        "landmark": row[columns["landmark"]],
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
         "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
-        "xyz": map_.xyz,
-        "descriptors": map_.descriptors,
-        "landmark_id": map_.landmark_id,
+        "xyz": np.delete(map_.xyz, gaps, axis=0),
+        "descriptors": np.delete(map_.descriptors, gaps, axis=0),
+        "landmark_id": np.delete(map_.landmark_id, gaps, axis=0),
         "next_id": np.array(map_.next_id),
         "merged": map_.merged,
         **_loop_state(map_),
