@@ -13,7 +13,7 @@ Int64 = NDArray[np.int64]
 
 NEAR, ALIKE, SINCE = 5.0, 40.0, 30.0  # m, degrees, s: what is a revisit
 CLOSED = 0.5  # m, error of the motion since the place was seen before
-FALSE = 10.0  # m, true distance of a closure's ends
+FAR = 10.0  # m, true distance of a closure's ends
 
 
 def revisits(stamps: Float64, poses: Float64) -> Int64:
@@ -39,10 +39,13 @@ def motion_errors(estimate: Float64, truth: Float64, pairs: Int64) -> Float64:
     return np.asarray(np.linalg.norm(found[:, :3, 3], axis=1))
 
 
-def false_closures(closures: Int64, truth: Float64) -> Int64:
-    """Those of closures (C, 2), frames and what they were said to come back to, whose ends are over 10 m apart."""
+def far_closures(closures: Int64, truth: Float64) -> Int64:
+    """Those of closures (C, 2), frames and what they came back to, whose true places are over 10 m apart.
+
+    A place may be known from so far away, too: a closure is false if the path between its ends is wrong.
+    """
     ends = truth[closures[:, 0], :3, 3] - truth[closures[:, 1], :3, 3]
-    return closures[np.linalg.norm(ends, axis=1) > FALSE]
+    return closures[np.linalg.norm(ends, axis=1) > FAR]
 
 
 def tied(keyframes: Int64, start: Int64, observed: Int64, stamps: Float64) -> Int64:

@@ -11,19 +11,22 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...errors import GeometryError
 from ...types import FloatArray, Rig
 from ..se3 import inverse
 from .disparity_bias import CalibrationHealth, DisparityBias
 from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 from .least_squares.bundle import Observations
-from .least_squares.offsets import Estimate, Influence, find_influence, join_influences
+from .least_squares.offsets import Estimate, PieceEquations, Solution
 
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
 _VAGUE = 10.0  # px; an offset that is known no better is not known
 _LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
-_TOGETHER = np.array([[1.0, 0], [1, 0], [1, 0], [1, 0], [0, 1]])  # one offset of the four groups, and the focal length
+_ONE = np.array([[1.0], [1], [1], [1], [0]])  # one offset of the four groups
+_TOGETHER = np.column_stack([_ONE, (0.0, 0, 0, 0, 1)])  # and the focal length
+_STEP = 1.5  # times that by which the middle third is off the middle: a step is 2 or more, wherever it is
 
 
 def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) -> CalibrationHealth | None:
@@ -46,26 +49,33 @@ def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) ->
         None where there is too little to tell.
     """
     every = _Pieces(map_, sigma_uv)
-    whole = every.influence(map_.keyframes)
-    if whole is None:
+    whole = every.equations(map_.keyframes)
+    if not whole:
         return None
     used = rig.doffs - map_.rig.doffs
-    ends = np.linspace(0, len(map_.keyframes), 4).astype(int)
-    thirds = [every.influence(map_.keyframes[start:end]) for start, end in pairwise(ends.tolist())]
-    groups = np.eye(5)[:, :4]
+    ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
+    parts = [every.equations(map_.keyframes[start:end]) for start, end in pairwise(ends)]
+    thirds = [Solution(part, _ONE) if part else None for part in parts]
+    groups, turning = Solution(whole, np.eye(5)[:, :4]), Solution(whole, _TOGETHER)
     return CalibrationHealth(
-        offset=_with_prior(_offset_of(whole, used), sigma_offset),
-        thirds=tuple(_known(None if third is None else _offset_of(third, used)) for third in thirds),
-        far_near=whole.estimate(groups, (0.5, 0.5, -0.5, -0.5)),
-        right_left=whole.estimate(groups, (-0.5, 0.5, -0.5, 0.5)),
-        focal=whole.estimate(_TOGETHER, (0.0, 1.0)),
+        offset=_with_prior(Solution(whole, _ONE).combine((1.0,)).plus(used), sigma_offset),
+        thirds=tuple(None if third is None else _known(third.combine((1.0,)).plus(used)) for third in thirds),
+        drift=_drift(thirds),
+        far_near=groups.contrast((0.5, 0.5, -0.5, -0.5)),
+        right_left=groups.contrast((-0.5, 0.5, -0.5, 0.5)),
+        focal=turning.contrast((0.0, 1.0)),
     )
 
 
-def _offset_of(influence: Influence, used: float) -> Estimate:
-    """The one offset of all disparities; `used` is what the map has taken off."""
-    found = influence.estimate(_TOGETHER[:, :1], (1.0,))
-    return Estimate(used + found.value, found.std)
+def _drift(thirds: Sequence[Solution | None]) -> Estimate | None:
+    """The offset of the last third less that of the first, if the middle one lies about between them."""
+    found = [None if third is None else _known(third.contrast((1.0,))) for third in thirds]
+    first, middle, last = found
+    if first is None or last is None:
+        return None
+    drift = last.less(first)
+    wobble = 0.0 if middle is None else middle.value - (first.value + last.value) / 2
+    return drift if abs(drift.value) > _STEP * abs(wobble) else Estimate(drift.value, max(drift.std, abs(wobble)))
 
 
 def _with_prior(found: Estimate, sigma: float) -> Estimate:
@@ -74,8 +84,8 @@ def _with_prior(found: Estimate, sigma: float) -> Estimate:
     return Estimate(found.value * (std / found.std) ** 2 if found.std > sigma else found.value, std)
 
 
-def _known(found: Estimate | None) -> Estimate | None:
-    return None if found is None or found.std > _VAGUE else found
+def _known(found: Estimate) -> Estimate | None:
+    return None if found.std > _VAGUE else found
 
 
 def settle_offset(bias: DisparityBias, map_: Map, rig: Rig, sigma_uv: float) -> bool:
@@ -113,21 +123,24 @@ class _Pieces:
         known = disparity[np.isfinite(disparity)]
         self._middle = float(np.median(known)) if len(known) else 0.0
 
-    def influence(self, frames: Sequence[Keyframe]) -> Influence | None:
-        """What some keyframes in a row tell; None if that is nothing."""
+    def equations(self, frames: Sequence[Keyframe]) -> list[PieceEquations]:
+        """Those of some keyframes in a row, a piece after the other; none where there is too little to tell."""
         count = max(1, -(-len(frames) // _PIECE))
-        ends = np.linspace(0, len(frames), count + 1).astype(int)
-        found = [self._of_piece(frames[start:end]) for start, end in pairwise(ends.tolist())]
-        told = [each for each in found if each is not None]
-        return join_influences(told) if told else None
+        ends = np.linspace(0, len(frames), count + 1).astype(int).tolist()
+        found = [self._of_piece(frames[start:end]) for start, end in pairwise(ends)]
+        return [each for each in found if each is not None]
 
-    def _of_piece(self, frames: Sequence[Keyframe]) -> Influence | None:
-        seen, rows = self._observations(frames)
-        if len(frames) < 2 or len(rows) < _LEAST_POINTS:
+    def _of_piece(self, frames: Sequence[Keyframe]) -> PieceEquations | None:
+        if len(frames) < 2:
             return None
-        T, xyz = np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows]
-        rig = self._map.rig
-        return find_influence(rig, T, xyz, seen, _columns(rig, T, xyz, seen, self._middle))
+        seen, rows = self._observations(frames)
+        if len(rows) < _LEAST_POINTS:
+            return None
+        T, xyz, rig = np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], self._map.rig
+        try:
+            return PieceEquations(rig, T, xyz, seen, _columns(rig, T, xyz, seen, self._middle))
+        except GeometryError:
+            return None
 
     def _observations(self, frames: Sequence[Keyframe]) -> tuple[Observations, FloatArray]:
         """What the keyframes saw of landmarks that two of them see, and the rows of these."""

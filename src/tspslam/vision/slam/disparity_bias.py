@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import combinations
 
 from ..._brief import Brief
 from ...types import Rig
@@ -13,7 +11,6 @@ from .least_squares.offsets import Estimate
 LARGE_OFFSET = 0.5  # px: recordings calibrated with care have up to 0.4 (KITTI 05)
 LARGE_FOCAL = 0.05  # of the focal length: KITTI 05, which turns, has 0.022 and a path that is right to 0.04 m
 SURE = 3.0  # standard deviations
-_THIRDS = ("the first third of the path", "the middle third", "the last third")
 
 
 @dataclass(frozen=True, repr=False)
@@ -26,6 +23,8 @@ class CalibrationHealth(Brief):
         Of all disparities, measured less true, px.
     thirds : tuple of 3 Estimate or None
         The same over the first, middle and last third of the keyframes; None where there are too few.
+    drift : Estimate or None
+        That of the last third less that of the first, px; uncertain where the middle one is not between them.
     far_near : Estimate
         That of farther points less that of nearer ones, px.
     right_left : Estimate
@@ -36,28 +35,17 @@ class CalibrationHealth(Brief):
 
     offset: Estimate
     thirds: tuple[Estimate | None, ...]
+    drift: Estimate | None
     far_near: Estimate
     right_left: Estimate
     focal: Estimate
 
-    @cached_property
-    def drift(self) -> Estimate | None:
-        """Largest difference of two thirds, in standard deviations: the later less the earlier, px."""
-        found = [later.less(earlier) for _, earlier, later in self._pairs()]
-        return max(found, key=lambda each: abs(each.value) / each.std, default=None)
-
-    def _pairs(self) -> list[tuple[str, Estimate, Estimate]]:
-        """Two thirds each, in words and values."""
-        known = [(name, one) for name, one in zip(_THIRDS, self.thirds, strict=True) if one is not None]
-        return [(f"{b} and {a}", one, other) for (a, one), (b, other) in combinations(known, 2)]
-
     @property
-    def unexplained(self) -> tuple[str, ...]:
-        """What one offset of all disparities cannot explain, in words; nothing where it explains what was seen."""
+    def unexplained(self) -> tuple[tuple[str, Estimate], ...]:
+        """Large differences that one offset of all disparities cannot explain, px, with what is compared."""
         found = [("far and near points", self.far_near), ("the right and left of the image", self.right_left)]
-        found += [(words, later.less(earlier)) for words, earlier, later in self._pairs()]
-        large = [(words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE)]
-        return tuple(f"it differs by {each.value:+.2f} ± {each.std:.2g} px between {words}" for words, each in large)
+        found += [] if self.drift is None else [("the last and first third of the path", self.drift)]
+        return tuple((words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE))
 
 
 class DisparityBias:

@@ -56,8 +56,10 @@ class Map:
         Rows, ascending, of landmarks that were culled.
     next_id : int
         Number of the next landmark.
-    has_new_loop : bool
-        Whether a loop was closed since the last adjustment: the next one is of the whole map.
+    loop : Keyframe or None
+        The last keyframe as older landmarks, by their numbers, have it, while a loop is being closed.
+    unsettled : set of int
+        Keyframes that were not adjusted since a loop was closed: numbers of their frames.
     dropped : list of (int, int, (4, 4) float64)
         Keyframes culled since the path was last told: frame, its replacement, T_replacement_frame.
     """
@@ -70,7 +72,8 @@ class Map:
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
         self.gaps, self.next_id = np.empty(0, np.int64), 0
-        self.has_new_loop = False
+        self.loop: Keyframe | None = None
+        self.unsettled: set[int] = set()
         self.dropped: list[tuple[int, int, FloatArray]] = []
 
     @property
@@ -368,10 +371,8 @@ class Map:
             return next(other for other in range(k - 1, -1, -1) if other not in gone)
         numbers, shared = np.unique(seen, return_counts=True)
         older = [self._place(index) for index in numbers[shared / count >= settings.twin_share].tolist()]
-        twins = self._twins(
-            frame, older[: bisect_left(older, k - self.window)]
-        )  # later ones are no place to come back to
-        return next(iter(twins), None)
+        older = older[: bisect_left(older, k - self.window)]  # later ones are no place to come back to
+        return next(iter(self._twins(frame, older)), None)
 
     def _twins(self, frame: Keyframe, places: list[int]) -> list[int]:
         """Keyframes, of some, that look from about where another does, the same way."""
@@ -410,6 +411,22 @@ class Map:
         at, frame = self._sightings.of(rows)
         pairs = np.unique(np.column_stack([of[at], frame]), axis=0)
         self._sightings.replace(rows, pairs[:, 0], pairs[:, 1])
+
+    def observe(self, place: int, again: Keyframe) -> None:
+        """Note what a keyframe sees besides.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe of the map.
+        again : Keyframe
+            Sights of landmarks, by their rows, of which those that the keyframe sees already do not count.
+        """
+        own = self.keyframes[place]
+        new = ~np.isin(again.landmark, own.landmark)
+        columns = {name: np.concatenate([getattr(own, name), getattr(again, name)[new]]) for name in _NOTHING}
+        self._change(place, **columns)
+        self._sightings.add(again.landmark[new], own.index)
 
     def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
         """Take over poses and landmarks of an adjustment, and drop outliers.

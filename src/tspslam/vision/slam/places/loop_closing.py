@@ -368,7 +368,7 @@ class PlaceRecognition:
         return found if found is not None and len(found) >= self.loops.min_landmarks else None
 
     def _is_believed(self, found: PoseEstimate, estimate: PoseEstimate, place: int, slack: float) -> bool:
-        """Whether the path may have drifted so far, and it is no chance: near, many landmarks, or two keyframes' word."""
+        """Whether the path may have drifted so far, and it is no chance: near, many landmarks, or two keyframes."""
         away = _distance(found, estimate)
         if away > slack:
             return False
