@@ -362,7 +362,8 @@ class StereoOdometry:
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
-        return {name: values.copy() for name, values in state.items()}  # the map goes on
+        # the map goes on: what was not made for this is copied
+        return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a state.
