@@ -13,13 +13,13 @@ from tspslam.vision.features.binary import binary_descriptors
 from tspslam.vision.images import build_pyramid, grey_levels
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.keyframes.settings import MapSettings
-from tspslam.vision.slam.loop_correction import distribute_loop_error
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 from tspslam.vision.slam.places.loop_closing import LoopSettings, PlaceRecognition
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings
 
 from ...sequences import DETECTOR, RIG, SMALL_RIG, corridor
+from .bending import bend
 
 THERE = 40  # frames; 0.5 m each
 
@@ -115,7 +115,7 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
         odometry.map.settings = MapSettings(min_views=1, redundant_share=share)
         thin()
     assert odometry.map.dropped
-    odometry.path.record(1e3, odometry.map)
+    odometry.path.record(1e3, odometry.map, (0, np.eye(6)))
     np.testing.assert_allclose(odometry.trajectory.T_world_camera[:-1], before, atol=1e-9)
 
 
@@ -128,8 +128,7 @@ def bent(walk, there):
     c, s = np.cos(0.004), np.sin(0.004)
     T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     before = odometry.map.keyframes[-1].T_world_camera
-    distribute_loop_error(odometry.map, 0, T, odometry.path.pose)
-    odometry.map.has_new_loop = False
+    bend(odometry.map, T)
     odometry.path.pose = odometry.map.keyframes[-1].T_world_camera @ inverse(before) @ odometry.path.pose
     return odometry, pairs, truth
 
@@ -149,22 +148,6 @@ def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
     left = float(np.linalg.norm((odometry.trajectory.T_world_camera - truth)[-1, :3, 3]))
     assert (odometry.loops > 0) is is_closed
     assert (left < 0.007) is is_closed
-
-
-def test_bending_moves_what_came_since_and_nothing_before(there):
-    odometry = there
-    world, T = odometry.map, np.eye(4)
-    T[:3, 3] = 0.1, 0, 0
-    before, xyz = [frame.T_world_camera for frame in world.keyframes], world.xyz.copy()
-    distribute_loop_error(world, 2, T, odometry.path.pose)
-    moved = np.array([(frame.T_world_camera - T0)[0, 3] for frame, T0 in zip(world.keyframes, before, strict=True)])
-    assert (moved[:3] == 0).all()
-    assert (np.diff(moved[2:]) > 0).all()
-    assert moved[-1] <= 0.1 + 1e-12
-    old = np.unique(np.concatenate([frame.landmark for frame in world.keyframes[:3]]))
-    assert np.array_equal(world.xyz[old], xyz[old])
-    last = np.setdiff1d(world.keyframes[-1].landmark, np.concatenate([f.landmark for f in world.keyframes[:-1]]))
-    np.testing.assert_allclose(world.xyz[last] - xyz[last], [[moved[-1], 0, 0]] * len(last), atol=1e-12)
 
 
 def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):
@@ -206,18 +189,6 @@ def test_a_place_too_far_for_any_drift_is_not_believed(walk, there):
         estimate = PoseEstimate(T.copy(), frame.landmark, frame.uv, frame.disparity, np.eye(6))
         found = places(odometry).detect_loop(image, estimate, features.uv, descriptors)
         assert (found is not None) is is_found
-
-
-def test_a_camera_that_only_turned_is_bent_too(walk):
-    odometry = went(walk[0][:12])
-    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
-    world, T = odometry.map, np.eye(4)
-    for k in range(len(world.keyframes)):
-        world.keyframes[k] = replace(world.keyframes[k], T_world_camera=np.eye(4))
-    T[:3, 3] = 0.1, 0, 0
-    distribute_loop_error(world, 0, T, np.eye(4))
-    moved = np.array([frame.T_world_camera[0, 3] for frame in world.keyframes])
-    np.testing.assert_allclose(moved, 0.1 * np.arange(len(moved)) / len(moved), atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -425,7 +396,7 @@ def test_a_state_right_after_a_bend_adjusts_the_whole_map_too(bent):
     odometry, pairs, _ = bent
     for pair in pairs[THERE:]:
         odometry.process(pair)
-        if odometry.map.has_new_loop and odometry.mapper.is_adjusting:
+        if odometry.map.loop is not None and odometry.mapper.is_adjusting:
             break
     else:
         pytest.fail("no loop was closed")

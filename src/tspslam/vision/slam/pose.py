@@ -11,6 +11,7 @@ from ..._brief import Brief
 from ..._checks import is_rigid, told
 from ...errors import InputError
 from ...types import Cloud, FloatArray, Rig
+from ..rig import project
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
 from .least_squares.bundle import lens_of, minimise
@@ -38,6 +39,8 @@ class PoseEstimate(Brief):
         Of (ω, υ), rad and m, in the camera's frame.
     in_view : int
         How many landmarks should be seen from there.
+    found : int
+        How many of those were found in the image, whether or not they agree.
     """
 
     T_world_camera: FloatArray
@@ -46,6 +49,7 @@ class PoseEstimate(Brief):
     disparity: FloatArray
     covariance: FloatArray
     in_view: int = 0
+    found: int = 0
 
     def __len__(self) -> int:
         return len(self.landmark)
@@ -54,6 +58,11 @@ class PoseEstimate(Brief):
     def share(self) -> float:
         """Share of the landmarks in view that agree."""
         return len(self) / max(self.in_view, 1)
+
+    @property
+    def agreement(self) -> float:
+        """Share of the landmarks that were found that agree; 1 where that was not counted."""
+        return len(self) / max(self.found, len(self), 1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,7 +74,8 @@ class Tracked(Brief):
     T_world_camera : (4, 4) float64
         Pose of the left camera; the world is the first frame's.
     covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is not known.
+        Of (ω, υ), rad and m, in the camera's frame: of the pose against the last keyframe (`pose_covariance`). Infinite
+        where it is not known.
     matches : int
         Landmarks that agree with it.
     is_keyframe : bool
@@ -266,7 +276,7 @@ def fit_robustly(
     found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]), max_steps=0)
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
     rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
-    return PoseEstimate(T, *rows, covariance, estimate.in_view)
+    return PoseEstimate(T, *rows, covariance, estimate.in_view, estimate.found)
 
 
 def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:
@@ -306,3 +316,41 @@ def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, mi
     T[:3, :3] = cv2.Rodrigues(turn)[0].T
     T[:3, 3] = -T[:3, :3] @ t[:, 0]
     return T
+
+
+def solve_pnp_of_each(
+    rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int, most: int
+) -> list[FloatArray]:
+    """Poses of a camera from points that do not all move alike: `solve_pnp`, again without the points that agreed.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    xyz : (N, 3) float64
+        Points, m.
+    uv : (N, 2) float64
+        Where they are seen, px.
+    max_error : float
+        Largest distance of a point that agrees from where it is seen, px.
+    min_matches : int
+        Points that must agree on each.
+    most : int
+        Poses at most.
+
+    Returns
+    -------
+    list of (4, 4) float64
+        ``T_world_camera``; the one on which most points agree first, as far as random samples find it.
+    """
+    found: list[FloatArray] = []
+    left = np.ones(len(xyz), np.bool_)
+    while len(found) < most:
+        T = solve_pnp(rig, xyz[left], uv[left], max_error=max_error, min_matches=min_matches)
+        if T is None:
+            break
+        found.append(T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
+        left &= ~(off <= 2 * max_error)  # the fringe of one motion is none of its own
+    return found

@@ -19,6 +19,7 @@ from ..stereo.row_matcher import SearchNear, level_rows
 from .patch_tracking import Patch, compute_warps, track_patches
 from .pose import PoseEstimate, fit_robustly
 
+_PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
 _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong ones near the guess up to 0.1"
 
 
@@ -323,6 +324,51 @@ def choose_pose(
     return relocalized if len(relocalized) >= settings.overrule * len(tracked) else tracked
 
 
+def choose_widest(
+    rig: Rig, found: Sequence[PoseEstimate], xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate | None:
+    """Choose among poses of which none is expected: the one whose landmarks are many and wide apart; None if too few.
+
+    What moves before the camera has its landmarks in one part of the image, the world around it. So the places where
+    landmarks agree count, times the area over which they spread.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    found : sequence of PoseEstimate
+        The poses.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate or None
+        One with the share of landmarks that a pose needs alone (`lone_share`), or `relocalized_share` where another of
+        the poses says the same.
+    """
+
+    def is_confirmed(one: PoseEstimate) -> bool:
+        others = (other for other in found if other is not one and other.share >= settings.relocalized_share)
+        return any(_distance(one, other.T_world_camera, xyz) <= settings.same_pose for other in others)
+
+    believed = [
+        one
+        for one in found
+        if one.share >= settings.lone_share or (one.share >= settings.relocalized_share and is_confirmed(one))
+    ]
+    return max(believed, key=lambda one: _support(rig, one.uv), default=None)
+
+
+def _support(rig: Rig, uv: FloatArray) -> float:
+    """Places of the image that landmarks take, times the area over which these spread, in places."""
+    cells = np.unique(np.floor(uv * (_PLACES / rig.width)), axis=0)
+    spread = np.linalg.det(np.cov(cells.T)) if len(cells) > 2 else 0.0
+    return float(len(cells) * np.sqrt(max(spread, 0.0)))
+
+
 def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
     """How far a pose is from another, m per m of depth of its landmarks in the median."""
     depth = float(np.median(_in_camera(xyz, estimate.landmark, estimate.T_world_camera)[:, 2]))
@@ -342,7 +388,7 @@ def _track(
         for reference, rows in zip(references, visible, strict=True)
     ]
     uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
+    return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view, len(uv))
 
 
 def _visible(

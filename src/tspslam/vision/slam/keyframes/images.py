@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import IO
@@ -120,16 +121,22 @@ class KeyframeImages:
     def _store(self, index: int, image: Grey) -> None:
         """Move an image to the file: all have one size, so that the place of one serves for any other."""
         try:
-            self._file = self._file or tempfile.TemporaryFile(prefix="tspslam-", buffering=0)  # noqa: SIM115
+            file = self._file or self._open()
             place = self._free.pop() if self._free else self._end
-            self._file.seek(place)
-            if self._file.write(np.ascontiguousarray(image).data) < image.nbytes:
+            file.seek(place)
+            if file.write(np.ascontiguousarray(image).data) < image.nbytes:
                 raise OSError("no room")
         except OSError:
             self.forgotten += 1
             return
         self._end = max(self._end, place + image.nbytes)
         self._stored[index] = place, (image.shape[0], image.shape[1])
+
+    def _open(self) -> IO[bytes]:
+        """The file, which is gone when these images are, also where nobody closes them."""
+        self._file = tempfile.TemporaryFile(prefix="tspslam-", buffering=0)  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
+        return self._file
 
     def _load(self, place: int, shape: tuple[int, int]) -> Grey | None:
         assert self._file is not None
