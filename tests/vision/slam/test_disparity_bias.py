@@ -101,7 +101,7 @@ def test_the_deviation_of_the_offset_is_honest(per_point):
     ("offset", "said", "size"),
     [
         (lambda d, uv, k: float(k >= 9), "the last and first third of the path", 1.0),
-        (lambda d, uv, k: -2.0 * (d < 10), "far and near points", -2.0),
+        (lambda d, uv, k: -1.5 * (d < 8), "far and near points", -1.5),
         (lambda d, uv, k: 1.5 * (uv[:, 0] > 300), "the right and left of the image", 1.5),
     ],
 )
