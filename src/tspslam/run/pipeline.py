@@ -242,6 +242,8 @@ def _process_all(
 
 def _of_depths(source: Source, record: dict[str, Any]) -> dict[str, Any]:
     """What is said of a run, with what its source tells of its depths, if it has some."""
+    if isinstance(source, OnePair) and source.pair.disparity_range is not None:
+        record |= {"calibration": record["calibration"] | {"disparity_range_px": list(source.pair.disparity_range)}}
     return record | {"depth": source.describe()} if hasattr(source, "describe") else record
 
 

@@ -92,9 +92,10 @@ class Step:
     Attributes
     ----------
     stage : str
-        What is being done: "tracking", "adjustment", "map", "pictures" or "report"; "corners" or "calibration".
+        What is being done: "indexing" (of a video), "tracking", "adjustment", "map", "pictures" or "report"; "corners"
+        or "calibration".
     done, total : int
-        Pairs, while tracking or looking for corners; of the other stages, 0 of 1.
+        Frames, while a video is gone through; pairs, while tracking or looking for corners; of other stages, 0 of 1.
     keyframes, lost, loops : int
         So far: keyframes, frames where tracking was lost, loops that were closed.
     """

@@ -14,6 +14,7 @@ ADVICE = {
     "camera_lost": "Look at the cable, and at other programs that use the camera; the recording has all that it gave.",
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
+    "depth_empty": "Look at those depth files: the frames are placed by others alone, and add no points.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
     "depth_range": "Check --unit (0.001 reads millimetres), and say which sensor it is (--sensor).",
     "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
@@ -30,6 +31,10 @@ ADVICE = {
     "frame_skipped": "Look at these image files: they are missing, damaged, or of another size than the others.",
     "frames_dropped": "Run the recording, which has all pairs; smaller images or fewer a second let tracking keep up.",
     "frames_missed": "Record smaller images, fewer a second, or to a faster disk.",
+    "images_forgotten": (
+        "Make room where temporary files go (TMPDIR names another place), or give more memory: "
+        "--set tracking.map.image_bytes=1e9, say."
+    ),
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
         "Trust each part by itself, not where parts stand to one another; a slower pass over the gap joins them."
