@@ -18,7 +18,7 @@ import numpy as np
 from tspslam import Rig, StereoPair
 from tspslam.datasets import open_sequence, synthetic
 from tspslam.run.offset_doubts import offset_doubts
-from tspslam.vision.slam.disparity_bias import DisparityBias
+from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
 from tspslam.vision.slam.least_squares.offsets import Estimate
 from tspslam.vision.slam.odometry import StereoOdometry
 

@@ -17,7 +17,7 @@ from tspslam.run.pipeline import run
 from tspslam.session import Settings
 from tspslam.view._report_advice import ADVICE
 from tspslam.vision.rig import back_project, covariance
-from tspslam.vision.slam.disparity_bias import CalibrationHealth, DisparityBias
+from tspslam.vision.slam.back_end.disparity_bias import CalibrationHealth, DisparityBias
 from tspslam.vision.slam.least_squares.offsets import Estimate
 from tspslam.vision.slam.odometry import StereoOdometry
 

@@ -8,8 +8,8 @@ import pytest
 from tspslam import Rig
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.calibration_health import measure_health, settle_offset
-from tspslam.vision.slam.disparity_bias import DisparityBias
+from tspslam.vision.slam.back_end.calibration_health import measure_health, settle_offset
+from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
 from tspslam.vision.slam.keyframes.keyframe import Keyframe
 from tspslam.vision.slam.keyframes.map import Map
 from tspslam.vision.slam.least_squares.bundle import Observations, adjust
@@ -150,7 +150,7 @@ def test_one_keyframe_tells_nothing():
 def test_long_paths_are_looked_at_piece_by_piece(monkeypatch):
     made = walk(6, frames=16, offset=0.4)
     whole = health_of(made).offset
-    monkeypatch.setattr("tspslam.vision.slam.calibration_health._PIECE", 8)
+    monkeypatch.setattr("tspslam.vision.slam.back_end.calibration_health._PIECE", 8)
     pieces = health_of(made).offset
     assert pieces.value == pytest.approx(whole.value, abs=3 * pieces.std)
     assert whole.std < pieces.std < 3 * whole.std

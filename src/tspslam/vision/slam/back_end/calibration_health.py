@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...errors import GeometryError
-from ...types import FloatArray, Rig
-from ..se3 import inverse
+from ....errors import GeometryError
+from ....types import FloatArray, Rig
+from ...se3 import inverse
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..least_squares.bundle import Observations
+from ..least_squares.offsets import Estimate, PieceEquations, Solution
 from .disparity_bias import CalibrationHealth, DisparityBias
-from .keyframes.keyframe import Keyframe
-from .keyframes.map import Map
-from .least_squares.bundle import Observations
-from .least_squares.offsets import Estimate, PieceEquations, Solution
 
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
