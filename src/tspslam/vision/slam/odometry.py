@@ -20,7 +20,7 @@ from ..images import PreparedPair, grey_levels, prepare
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
-from .calibration_health import settle_offset
+from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
