@@ -134,7 +134,7 @@ def solve_loop(
         return None
     close_loop(copy, motions, same_landmark)
     job = prepare(copy)
-    return ClosedLoop(motions, job, job and job.solve())
+    return ClosedLoop(motions, job, None if job is None else job.solve())
 
 
 def copy_map(map_: Map) -> Map:
