@@ -27,28 +27,25 @@ def poses(world):
     return np.array([frame.T_world_camera for frame in world.keyframes])
 
 
-def residuals_stay(world, before):
-    """Sights of neighbours tell the same as before, but for what the loop's error has put between them."""
-    return cost(world, slice(0, -1)) < 1.05 * before
+def test_the_error_of_a_drifted_ring_goes_and_neighbours_do_not_feel_it():
+    """Measured: a third of the error is left, and the sights of the ring fit as before, by 0.2 to 0.5 % better.
 
-
-def test_the_error_of_a_drifted_ring_goes_and_neighbours_hardly_feel_it():
-    """Measured with seeds 0 to 4: 0.3 to 0.6 of the error before; by the way alone 0.6 to 1.0."""
-    before = after = shared = 0.0
+    Where each step takes its share of the error by the way, 38 % is left, and the sights fit worse by 9 % in the mean.
+    """
+    errors, sights = np.zeros(2), np.zeros(2)
     for seed in range(5):
         world, truth = looped(120, seed=seed)
-        straight, loop = copy_map(world), world.loop
-        before += error(world, truth)
+        straight, loop, fit = copy_map(world), world.loop, cost(world, slice(0, -1))
+        errors[0] += error(world, truth)
         bend(straight, loop.T_world_camera @ inverse(straight.keyframes[-1].T_world_camera))
-        shared += error(straight, truth)
-        sights = cost(world, slice(0, -1))
         closed(world)
-        assert residuals_stay(world, sights)
-        after += error(world, truth)
-        there = inverse(loop.T_world_camera) @ world.keyframes[-1].T_world_camera
-        assert np.linalg.norm(there[:3, 3]) < 0.05
-    assert after < 0.7 * before
-    assert after < 0.9 * shared
+        errors[1] += error(world, truth)
+        sights += [cost(one, slice(0, -1)) / fit / 5 for one in (world, straight)]
+        left = inverse(loop.T_world_camera) @ world.keyframes[-1].T_world_camera
+        assert np.linalg.norm(left[:3, 3]) < 0.05
+    assert errors[1] < 0.6 * errors[0]
+    assert sights[0] < 1.01
+    assert sights[1] > 1.03
 
 
 def test_the_first_keyframe_and_a_ring_without_error_stay():
@@ -66,6 +63,7 @@ def test_landmarks_go_with_the_keyframe_that_first_saw_them_and_those_of_both_en
     for k in range(59, -1, -1):
         first[world.keyframes[k].landmark] = k
     again = np.searchsorted(world.landmark_id, world.loop.landmark)
+    again = again[first[again] >= 0]
     motions = closed(world)
     seen = np.flatnonzero(first >= 0)
     moved = motions[first[seen]]
@@ -130,14 +128,19 @@ def test_a_loop_without_solution_is_none(monkeypatch):
     assert found is None
 
 
+def robust(world):
+    """What all keyframes together make least."""
+    return collect_problem(world, range(1, len(world.keyframes)), NOISE).solve(world.rig, 0.0, None, 0).cost_before
+
+
 def settle(world):
     """Adjust piece after piece as with each keyframe; returns the costs, and how many moved at most."""
-    costs, most = [cost(world)], 0
+    costs, most = [robust(world)], 0
     while world.unsettled:
         job = collect_job(world, NOISE, world.rig, 0.0, 0.3)
         most = max(most, len(job.problem.moving))
         job.apply(world, job.solve())
-        costs.append(cost(world))
+        costs.append(robust(world))
     return costs, most
 
 
@@ -161,25 +164,23 @@ def test_pieces_are_of_neighbours_and_never_of_the_first_or_the_last_keyframes()
     while piece := choose_piece(world, left, 20, last=7):
         pieces.append(piece)
         left -= {world.keyframes[k].index for k in piece}
-    assert sorted(sum(pieces, [])) == list(range(1, 93))
+    assert sorted(k for piece in pieces for k in piece) == list(range(1, 93))
     assert all(len(piece) <= 20 for piece in pieces)
     near = sum(any(k in piece for k, _ in world.covisible(place)) for piece in pieces for place in piece)
     assert near >= 0.95 * 92
 
 
 def test_sweeps_come_near_to_what_all_keyframes_at_once_give():
-    """Measured: 0.2 % above the cost of all at once, from 30 % above before."""
-    world, truth = looped(120)
+    world, _ = looped(120)
     closed(world)
-    begun = cost(world)
+    begun = robust(world)
     whole, swept = copy_map(world), copy_map(world)
     for one in (whole, swept):
         one.note_sightings()
     problem = collect_problem(whole, range(1, 120), NOISE)
-    problem.apply(whole, problem.solve(world.rig, 0.0, None, 20), 1e9)
+    problem.apply(whole, problem.solve(world.rig, 0.0, None, 20), 5.0)
     assert sweep_map(swept, NOISE, world.rig, 0.0) == 0
-    least = cost(whole)
-    assert least <= cost(swept) < least + 0.2 * (begun - least)
+    assert robust(swept) < robust(whole) + 0.1 * (begun - robust(whole))
 
 
 def test_landmarks_that_move_to_other_rows_meanwhile_are_found_by_their_numbers():
