@@ -63,6 +63,9 @@ def run_command(
     config: ConfigOption = None,
     assignments: SetOption = None,
     threads: ThreadsOption = None,
+    fix_offset: Annotated[
+        bool, typer.Option("--fix-offset", help="Take an offset of all disparities off points and responses too.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser while it goes on.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -77,25 +80,29 @@ def run_command(
         expected = ", ".join(KINDS["detector"])
         raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
+    chosen += ["mapping.fix_offset=true"] if fix_offset else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     given = Given(
         source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
     )
-    pairs = open_source(given)
-    wanted = range(0) if camera else _frame_range(frames, len(pairs))
-    target = out or Path("runs") / pairs.name
-    check_folder(target, *(source or []), calib, depth, disparity)
-    set_threads(threads)
-    with viewing(target if view else None) as viewer:
-        with until_interrupt(pairs), progress(as_json) as on_step:
-            announce_compilation(is_sequence=len(wanted) != 1)
-            chosen_frames = wanted if frames else None
-            result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
-        try:
-            _say_remarks(pairs, as_json)
-            finish(result, as_json)
-        finally:
-            viewer.stay()
+    with contextlib.ExitStack() as stack:
+        on_step = stack.enter_context(progress(as_json))
+        pairs = open_source(given, on_step)
+        wanted = range(0) if camera else _frame_range(frames, len(pairs))
+        target = out or Path("runs") / pairs.name
+        check_folder(target, *(source or []), calib, depth, disparity)
+        set_threads(threads)
+        with viewing(target if view else None) as viewer:
+            with until_interrupt(pairs):
+                announce_compilation(is_sequence=len(wanted) != 1)
+                chosen_frames = wanted if frames else None
+                result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
+            stack.close()  # the line of progress ends before the results
+            try:
+                _say_remarks(pairs, as_json)
+                finish(result, as_json)
+            finally:
+                viewer.stay()
 
 
 @app.command("filter")

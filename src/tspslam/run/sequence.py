@@ -92,9 +92,10 @@ class Step:
     Attributes
     ----------
     stage : str
-        What is being done: "tracking", "adjustment", "map", "pictures" or "report"; "corners" or "calibration".
+        What is being done: "indexing" (of a video), "tracking", "adjustment", "map", "pictures" or "report"; "corners"
+        or "calibration".
     done, total : int
-        Pairs, while tracking or looking for corners; of the other stages, 0 of 1.
+        Frames, while a video is gone through; pairs, while tracking or looking for corners; of other stages, 0 of 1.
     keyframes, lost, loops : int
         So far: keyframes, frames where tracking was lost, loops that were closed.
     """
@@ -286,6 +287,19 @@ class SequenceRun:
         frame.seconds.update(watch.seconds)
         return row
 
+    def rewrite(self, frame: Frame) -> None:
+        """Write a stored frame anew, and its row; what is written has no say in the path.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of a row that is there.
+        """
+        place = next(k for k, row in enumerate(self.rows) if row.index == frame.index)
+        row = self.rows[place]
+        assert isinstance(row, FrameRecord)
+        self.rows[place] = self._store(frame, replace(row, complex_=None))
+
     def _wait_for_writing(self, left: int) -> None:
         """Wait until no more than so many frames are still to be written; what went wrong with them is raised."""
         while len(self._writing) > left:
@@ -302,6 +316,14 @@ class SequenceRun:
         path = self.folder.path / STATE_NAME
         write_bytes(path, pack(_MADE_BY, self.rows, odometry.state()))
         self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
+
+    def save_rows(self) -> None:
+        """Write the rows of the last checkpoint anew; the state stays that from before the path was final."""
+        path = self.folder.path / STATE_NAME
+        if STATE_NAME in self.folder.units:
+            _, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+            write_bytes(path, pack(_MADE_BY, self.rows, state))
+            self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""

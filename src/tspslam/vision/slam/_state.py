@@ -25,6 +25,8 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
     "anchored": ("<f8", ("t", 4, 4)),
+    "links": ("<i8", ("t",)),
+    "linked": ("<f8", ("t", 6, 6)),
     "poses": ("<f8", (2, 4, 4)),
     "counts": ("<i8", (4,)),
     "closures": ("<i8", ("c", 2)),
@@ -48,7 +50,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "loop_seen": ("<f8", ("l", 4)),
     "unsettled": ("<i8", ("q",)),
 }
-_MAY_BE_NAN = frozenset({"disparity", "loop_seen"})
+_MAY_BE_NAN = frozenset({"disparity", "linked", "loop_seen"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
@@ -75,16 +77,18 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
-    map_.close_gaps()
-    frames = map_.keyframes
-    return map_.observations() | {
+    frames, gaps = map_.keyframes, map_.gaps
+    columns = map_.observations()
+    row = np.cumsum(np.bincount(gaps, minlength=len(map_.xyz)) == 0) - 1  # without the gaps
+    return columns | {
+        "landmark": row[columns["landmark"]],
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
         "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
-        "xyz": map_.xyz,
-        "descriptors": map_.descriptors,
-        "landmark_id": map_.landmark_id,
+        "xyz": np.delete(map_.xyz, gaps, axis=0),
+        "descriptors": np.delete(map_.descriptors, gaps, axis=0),
+        "landmark_id": np.delete(map_.landmark_id, gaps, axis=0),
         "next_id": np.array(map_.next_id),
         "merged": map_.merged,
         **_loop_state(map_),
@@ -197,6 +201,9 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a keyframe is no frame"
     if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
         yield "a frame hangs on no keyframe"
+    links = state["links"]
+    if (links < 0).any() or (links[1:] >= np.arange(1, count)).any() or links[:1].any():
+        yield "a frame was located against one that is not before it"
     wanted, lost, unsolved, asked = state["counts"].tolist()
     if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
         yield "a count is negative or too large"

@@ -23,6 +23,7 @@ from .disparity_bias import DisparityBias
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment
+from .new_landmarks import follow_offset
 from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
@@ -152,7 +153,7 @@ class LocalMapper:
             )
 
     def _collect(self, map_: Map) -> AdjustmentJob | None:
-        return collect_job(map_, self._sigma_uv, self._rig, self.bias.value, self.bias.sigma)
+        return collect_job(map_, self._sigma_uv, self._rig, *self.bias.prior)
 
     @property
     def _sigma_uv(self) -> float:
@@ -191,8 +192,14 @@ class LocalMapper:
             return
         if job.offset_sigma is not None:
             self.bias.update(found.offset, found.offset_std)
-        job.apply(self.map, found)
-        self.map.rig = self.bias.correct(self._rig)
+        self._apply(job, found)
+
+    def _apply(self, job: AdjustmentJob, found: Adjustment) -> None:
+        """Take over poses, landmarks and the offset of the disparities."""
+        map_, rig = self.map, self.map.rig
+        job.apply(map_, found)
+        map_.rig = self.bias.correct(self._rig)
+        follow_offset(map_, np.searchsorted(map_.landmark_id, job.problem.landmark_id), rig)
 
     def _take_over_loop(self, closed: ClosedLoop | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""
@@ -222,7 +229,7 @@ class LocalMapper:
         if len(map_.keyframes) <= map_.settings.max_keyframes:
             self._adjust_all()
         else:
-            self.unsolved += sweep_map(map_, self._sigma_uv, self._rig, self.bias.value)
+            self.unsolved += sweep_map(map_, self._sigma_uv, self._rig, self.bias.prior[0])
         map_.unsettled.clear()
         return self._moved(T, before)
 
@@ -232,14 +239,13 @@ class LocalMapper:
         problem = collect_problem(map_, range(1, len(map_.keyframes)), self._sigma_uv)
         if problem is None:
             return
-        job = AdjustmentJob(problem, self._rig, bias.value, bias.sigma, settings.max_steps, settings.outlier)
+        job = AdjustmentJob(problem, self._rig, *bias.prior, settings.max_steps, settings.outlier)
         found = job.solve()
         if found is None:
             self.unsolved += 1
             return
         bias.settle(found.offset, found.offset_std)
-        job.apply(map_, found)
-        map_.rig = bias.correct(self._rig)
+        self._apply(job, found)
 
     def _moved(self, T: FloatArray, before: FloatArray) -> FloatArray:
         """The pose T, moved with the last keyframe, which was at `before`."""

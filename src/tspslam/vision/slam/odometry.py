@@ -15,19 +15,20 @@ from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
 from ..features.binary import binary_descriptors
-from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
 from ..images import PreparedPair, grey_levels, prepare
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
+from .calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
+from .locating import Locator, covariance_against_keyframe
 from .path import CameraPath
 from .places.loop_closing import LoopSettings, PlaceRecognition
 from .pose import PoseEstimate, Tracked
-from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, spread_of, track_pose
+from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 
@@ -146,6 +147,7 @@ class StereoOdometry:
         settings = self.tracking
         self.map, self.path = Map(rig, window=settings.window, settings=settings.map), CameraPath()
         self._places = PlaceRecognition(self.map, settings.pose, settings.loops)
+        self._locator = Locator(self.map, self._places, settings.pose, self._detect)
         self.mapper = LocalMapper(
             self.map, self._places, sigma_disparity=settings.sigma_disparity, sigma_offset=settings.sigma_offset
         )
@@ -173,6 +175,44 @@ class StereoOdometry:
     def trajectory(self) -> Trajectory:
         """Poses of all frames so far, those of keyframes as adjusted since."""
         return self.path.trajectory(self.map)
+
+    def covariance_from_start(self, frame: int) -> FloatArray:
+        """Find the covariance of the pose of a frame against the first frame's.
+
+        It adds up, from keyframe to keyframe, how well each was located against the one before: errors of one step turn
+        and lever all that follows. Taken as independent: the steps, which share landmarks (that makes the sum too small
+        where the same few landmarks hold for long), and the offset of the disparities, which is one and the same
+        (likewise). Left out: that adjustments and loops bring in more than the step's own sights (that makes it too large).
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame, from 0.
+
+        Returns
+        -------
+        (6, 6) float64
+            Of (ω, υ), rad and m, in that camera's frame, as `trajectory` has it. Infinite where the path was guessed on
+            the way, as after the map began anew.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame.
+
+        Examples
+        --------
+        >>> from tspslam.datasets import synthetic
+        >>> sequence = synthetic.SyntheticSequence(synthetic.corridor(2.0))
+        >>> odometry = StereoOdometry(sequence.rig)
+        >>> tracked = [odometry.process(pair) for pair in sequence]
+        >>> metres = np.sqrt(np.diag(odometry.covariance_from_start(4))[3:])
+        >>> bool((metres > 0).all() and (metres < 0.1).all())
+        True
+        """
+        if not (isinstance(frame, int | np.integer) and 0 <= frame < len(self.path)):
+            raise InputError(f"odometry: frame is {frame!r}, expected one of 0 to {len(self.path) - 1}")
+        return self.path.covariance_from_start(int(frame), self.trajectory.T_world_camera)
 
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair, and make it a keyframe where the map needs one.
@@ -203,9 +243,10 @@ class StereoOdometry:
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
             path.advance(predicted, estimate)
-            watch.lap("follow")
+        link = self._link(images, estimate)
+        watch.lap("follow")
         stereo = self._add_keyframe(images, estimate, watch) if self._wants_keyframe(estimate) else None
-        path.record(images.stamp, self.map)
+        path.record(images.stamp, self.map, link)
         return self._tracked(estimate, stereo, watch)
 
     def _check(self, name: str, rig: Rig, stamp: float) -> None:
@@ -217,20 +258,27 @@ class StereoOdometry:
             raise InputError(f"{name}: its stamp is {stamp} s, expected {self.path.stamps[-1]} s or later")
 
     def _locate(self, images: PreparedPair, predicted: FloatArray) -> PoseEstimate | None:
-        """Pose from landmarks tracked from a constant velocity's prediction, or relocalised; refined by disparities."""
-        map_, settings, image = self.map, self.tracking.pose, images.left_image
-        estimate = track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, predicted, settings)
-        steady = predicted if self.path.is_motion_known else None
-        if estimate is None or not is_clear(estimate, map_.xyz, steady, settings):
-            features = detect_usable(image, self._detect)
-            descriptors = binary_descriptors(features.descriptor)
-            relocalized = self._places.relocalize(image.pyramid, features.uv, descriptors)
-            estimate = choose_pose(estimate, relocalized, map_.xyz, settings)
+        """Pose of the left image, refined by disparities, with its covariance against a keyframe."""
+        map_, settings, path = self.map, self.tracking.pose, self.path
+        is_steady = path.is_motion_known and not path.is_gap(images.stamp)
+        locate = self._locator.follow if is_steady else self._locator.find
+        estimate = locate(images.left_image, predicted)
         if estimate is None:
             return None
         disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
         spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
         return refine_pose(map_.rig, estimate, map_.xyz, disparity, spread, settings)
+
+    def _link(self, images: PreparedPair, estimate: PoseEstimate | None) -> tuple[int, FloatArray]:
+        """Which keyframe a frame was located against, and the covariance of its pose against it; none of the first."""
+        if not self.map.keyframes:
+            return 0, np.zeros((6, 6))
+        if estimate is None:
+            return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
+        spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
+        return covariance_against_keyframe(
+            self.map, estimate, self.tracking.pose.sigma_uv, spread, self.mapper.bias.std
+        )
 
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
@@ -266,10 +314,9 @@ class StereoOdometry:
         """What is said of the last frame."""
         seen = self.map.keyframes[-1] if stereo is not None else estimate
         is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
-        covariance = np.zeros((6, 6)) if is_first else np.full((6, 6), np.inf)
         return Tracked(
             T_world_camera=self.path.pose.copy(),
-            covariance=covariance if estimate is None else estimate.covariance,
+            covariance=self.path.links[-1][1].copy(),
             matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
             is_keyframe=stereo is not None,
             is_lost=is_lost,
@@ -284,6 +331,8 @@ class StereoOdometry:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
             self.path.pose = self.mapper.finish(self.path.pose)
+            if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
+                self.path.pose = self.mapper.finish(self.path.pose)
 
     def close(self) -> None:
         """Release the worker thread; no further pair can be processed."""
@@ -305,6 +354,8 @@ class StereoOdometry:
             "stamps": path.stamps,
             "anchors": path.anchors,
             "anchored": path.anchored,
+            "links": np.array([index for index, _ in path.links], np.int64),
+            "linked": _finite_or_nan(np.array([C for _, C in path.links]).reshape(-1, 6, 6)),
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
@@ -334,6 +385,8 @@ class StereoOdometry:
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
         path.restore(state["stamps"], state["anchors"], state["anchored"])
+        linked = np.where(np.isnan(state["linked"]), np.inf, state["linked"])
+        path.links = list(zip(state["links"].tolist(), linked, strict=True))
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_adjusting = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
@@ -349,3 +402,8 @@ class StereoOdometry:
             expected, found = binary_descriptors(features.descriptor).shape[1], self.map.descriptors.shape[1]
             if found != expected:
                 raise InputError(f"odometry: the state has descriptors of {found} x 64 bits, expected {expected}")
+
+
+def _finite_or_nan(values: FloatArray) -> FloatArray:
+    """Values with NaN for what is infinite, as a state has them."""
+    return np.where(np.isfinite(values), values, np.nan)

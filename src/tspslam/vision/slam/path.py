@@ -10,14 +10,17 @@ from ..se3 import inverse, normalised, repeated
 from .keyframes.columns import Column
 from .keyframes.map import Map
 from .pose import PoseEstimate
+from .uncertainty import adjoint
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
+_LAST = 5  # intervals that tell what the next one is
+_GAP = 1.5  # times their median, from which an interval is a gap: one frame left out makes 2
 
 
 class CameraPath:
     """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
 
-    A frame takes some 200 bytes.
+    A frame takes some 700 bytes.
 
     Attributes
     ----------
@@ -33,6 +36,7 @@ class CameraPath:
         self._stamps = Column(np.empty(0))
         self._anchors, self._anchored = Column(np.empty(0, np.int64)), Column(np.empty((0, 4, 4)))
         self._held: dict[int, list[int]] = {}  # frames by the number of the keyframe that holds them
+        self.links: list[tuple[int, FloatArray]] = []  # frame that it was located against, covariance against it
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.was_lost = 0, False
 
@@ -76,6 +80,21 @@ class CameraPath:
         """Whether the last frames tell how the camera moves."""
         return len(self) > 1 and self.lost == 0
 
+    def is_gap(self, stamp: float) -> bool:
+        """Whether a frame comes so late that its motion may be another one than the last.
+
+        Parameters
+        ----------
+        stamp : float
+            Its time, s.
+
+        Returns
+        -------
+        bool
+        """
+        usual = np.diff(self.stamps[-_LAST - 1 :])
+        return bool(len(usual) and stamp - self.stamps[-1] > _GAP * np.median(usual))
+
     def predict(self, stamp: float) -> FloatArray:
         """Find the pose at a stamp if the last motion goes on at its speed.
 
@@ -109,7 +128,7 @@ class CameraPath:
         moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
         self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
 
-    def record(self, stamp: float, map_: Map) -> None:
+    def record(self, stamp: float, map_: Map, link: tuple[int, FloatArray]) -> None:
         """Note the last frame, relative to the last keyframe; frames of culled ones go to their replacements.
 
         Parameters
@@ -118,7 +137,10 @@ class CameraPath:
             Time of the frame, s.
         map_ : Map
             Its keyframes.
+        link : (int, (6, 6) float64)
+            Number of the keyframe that it was located against, and the covariance of its pose against it.
         """
+        self.links.append(link)
         for gone, other, T in map_.dropped:
             held = self._held.pop(gone, [])
             self._held.setdefault(other, []).extend(held)
@@ -147,3 +169,28 @@ class CameraPath:
         keyframes = np.array([frame.index for frame in map_.keyframes], np.int64)
         poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
         return Trajectory(self.stamps.copy(), poses[np.searchsorted(keyframes, self.anchors)] @ self.anchored)
+
+    def covariance_from_start(self, frame: int, poses: FloatArray) -> FloatArray:
+        """Find the covariance of a frame's pose against the first one: its own and those of the keyframes before it.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+        poses : (T, 4, 4) float64
+            Of all frames.
+
+        Returns
+        -------
+        (6, 6) float64
+            Of (ω, υ), rad and m, in the camera's frame.
+        """
+        T_camera_world, total = inverse(poses[frame]), np.zeros((6, 6))
+        while frame > 0:
+            earlier, covariance = self.links[frame]
+            if not np.isfinite(covariance).all():
+                return np.full((6, 6), np.inf)
+            across = adjoint(T_camera_world @ poses[frame])
+            total += across @ covariance @ across.T
+            frame = earlier
+        return total

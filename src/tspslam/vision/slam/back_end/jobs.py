@@ -156,7 +156,7 @@ def copy_map(map_: Map) -> Map:
 
 
 def collect_job(
-    map_: Map, sigma_uv: float, rig: Rig, offset: float, offset_sigma: float
+    map_: Map, sigma_uv: float, rig: Rig, offset: float, offset_sigma: float | None
 ) -> AdjustmentJob | None:  # fmt: skip
     """Collect what follows a keyframe: the last keyframes, and a piece of what a loop has moved.
 
@@ -171,7 +171,7 @@ def collect_job(
     rig : Rig
         The cameras as calibrated.
     offset, offset_sigma : float
-        Offset of the disparities, and its standard deviation before anything is seen, px.
+        Offset of the disparities, and its standard deviation before anything is seen, px; None where it stays.
 
     Returns
     -------

@@ -67,7 +67,7 @@ class Map:
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
         self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
-        self.images = KeyframeImages(self.settings.image_bytes)
+        self.images = KeyframeImages(self.settings.image_bytes, (rig.height, rig.width))
         self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
@@ -116,6 +116,11 @@ class Map:
     def merged(self, values: NDArray[np.int64]) -> None:
         """Put others in their place."""
         self._merged = Column(values)
+
+    @property
+    def landmark_count(self) -> int:
+        """How many landmarks there are: rows but gaps."""
+        return len(self.xyz) - len(self.gaps)
 
     def snapshot(self) -> MapSnapshot:
         """Copy the map as it is now.
@@ -314,10 +319,6 @@ class Map:
         """Keep some of a keyframe's observations."""
         columns = {name: getattr(self.keyframes[place], name)[kept] for name in _NOTHING}
         self._change(place, **columns | changes)
-
-    def close_gaps(self) -> None:
-        """Move landmarks up to where culled ones were."""
-        self._close_gaps(0.0)
 
     def _close_gaps(self, least: float) -> None:
         """Move the rows up from the first gap on from which at least such a share are gaps."""
