@@ -11,7 +11,8 @@ from ..session import Session
 from ..topological_map import TopologicalMap
 from ..vision.rig import doubts
 from ..vision.slam.odometry import StereoOdometry
-from .offset_doubts import Warning_, describe_health, offset_doubts, rows_doubts
+from .offset_doubts import Warning_ as Warning_
+from .offset_doubts import describe_health, offset_doubts, rows_doubts
 from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
 
 # Points in a cloud, as a share of the keypoints that the image should have: below it a cloud is almost empty. Of 42
