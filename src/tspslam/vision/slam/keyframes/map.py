@@ -223,11 +223,10 @@ class Map:
         -------
         list of Reference
         """
-        taken = np.zeros(len(self.xyz), np.bool_)
-        found = []
+        taken, found = np.empty(0, np.int64), []
         for frame in reversed(self.keyframes[-self.settings.references :]):
-            new = ~taken[frame.landmark]
-            taken[frame.landmark] = True
+            new = ~np.isin(frame.landmark, taken)
+            taken = np.concatenate([taken, frame.landmark])
             assert frame.image is not None
             found.append(Reference(frame.image, frame.T_world_camera, frame.uv[new], frame.landmark[new]))
         return found
@@ -399,17 +398,8 @@ class Map:
             rows = np.where(other[at] == rows, landmark[at], rows)
             kept = np.sort(np.unique(rows, return_index=True)[1])  # of two that become one it keeps one
             self._keep(k, kept, landmark=rows[kept])
-        self._merge_sightings(landmark, other)
+        self._sightings.merge(landmark, other)
         self._doubtful.append(other)
-
-    def _merge_sightings(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
-        """Note that who saw the second of a pair sees the first."""
-        rows, which = np.unique(np.concatenate([landmark, other]), return_inverse=True)
-        of = np.arange(len(rows))
-        of[which[len(landmark) :]] = which[: len(landmark)]
-        at, frame = self._sightings.of(rows)
-        pairs = np.unique(np.column_stack([of[at], frame]), axis=0)
-        self._sightings.replace(rows, pairs[:, 0], pairs[:, 1])
 
     def observe(self, place: int, again: Keyframe) -> None:
         """Note what a keyframe sees besides.
@@ -443,6 +433,8 @@ class Map:
         outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
         for index, (row, kept) in keyframes.items():
             k = self._place(index)
+            if k == len(self.keyframes) or self.keyframes[k].index != index:  # culled meanwhile
+                continue
             gone = self.keyframes[k].landmark[~kept]
             outliers.append((gone, np.full(len(gone), index)))
             self._keep(k, kept, T_world_camera=found.T_world_camera[row])
