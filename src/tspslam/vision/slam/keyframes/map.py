@@ -328,10 +328,14 @@ class Map:
         place = int(is_dense.argmax())
         first, kept = int(self.gaps[place]), np.ones(after[place], np.bool_)
         kept[self.gaps[place:] - first] = False
-        row = np.concatenate([np.arange(first), first + np.cumsum(kept) - 1])
+        gone = np.append(np.cumsum(~kept), 0)  # before each row, and before what is before the first
+
+        def moved(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+            return rows - gone[np.maximum(rows - first, -1)]
+
         for k in self.seen_by(np.arange(first, len(self.xyz))):
-            self._change(k, landmark=row[self.keyframes[k].landmark])
-        self._doubtful = [row[rows] for rows in self._doubtful]
+            self._change(k, landmark=moved(self.keyframes[k].landmark))
+        self._doubtful = [moved(rows) for rows in self._doubtful]
         for column in (self._xyz, self._descriptors, self._landmark_id, self._sightings):
             column.keep(first, kept)
         self.gaps = self.gaps[:place]
