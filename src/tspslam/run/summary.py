@@ -189,6 +189,7 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
     yield from _troubles(rows, odometry)
     for line in doubts(rig):
         yield {"code": "calibration", "message": line}
+    yield from row_doubts(stored)
     if odometry and len(tracked) > 1:
         yield from _offset_doubts(rig, *odometry.disparity_offset)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
@@ -296,6 +297,32 @@ def depth_seen(rig: Rig, offset: float) -> float:
     """
     beyond = rig.fx * rig.baseline
     return float(beyond / max(beyond / FAR + offset, beyond / _FARTHEST))
+
+
+def row_doubts(stored: Sequence[ComplexRecord]) -> Iterator[Warning_]:
+    """That the rows of left and right differ, by more than a careful calibration leaves and for sure.
+
+    Parameters
+    ----------
+    stored : sequence of ComplexRecord
+        Of the frames with a complex.
+
+    Yields
+    ------
+    dict of str to str
+        As `pixel_warnings`.
+    """
+    offset = float(np.median([each.vertical_offset_px for each in stored])) if stored else 0.0
+    spread = max((each.vertical_offset_std_px for each in stored), default=0.0)
+    points = sum(each.points for each in stored)
+    if abs(offset) <= max(LARGE_OFFSET, SURE * spread / np.sqrt(max(points, 1))):
+        return
+    message = (
+        f"a point is {abs(offset):.2f} px {'lower' if offset > 0 else 'higher'} in the right image (spread "
+        f"{spread:.2g} px), expected less than {LARGE_OFFSET:g}: is the calibration of these images, and are they "
+        "rectified, as it says? The matcher takes it out where it is the same all over the image"
+    )
+    yield {"code": "vertical_offset", "message": message}
 
 
 def _offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
