@@ -73,6 +73,7 @@ def run_command(
     from .._threads import set_threads
     from ..run import config as configuration
     from ..run import pipeline
+    from ..run._compiling import compiling
     from ..run.viewing import viewing
     from ..settings import KINDS
 
@@ -85,21 +86,27 @@ def run_command(
     given = Given(
         source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
     )
-    pairs = open_source(given)
-    wanted = range(0) if camera else _frame_range(frames, len(pairs))
-    target = out or Path("runs") / pairs.name
-    check_folder(target, *(source or []), calib, depth, disparity)
-    set_threads(threads)
-    with viewing(target if view else None) as viewer:
-        with until_interrupt(pairs), progress(as_json) as on_step:
-            announce_compilation(is_sequence=len(wanted) != 1)
-            chosen_frames = wanted if frames else None
-            result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
-        try:
-            _say_remarks(pairs, as_json)
-            finish(result, as_json)
-        finally:
-            viewer.stay()
+    with contextlib.ExitStack() as stack:
+        on_step = stack.enter_context(progress(as_json))
+        pairs = open_source(given, on_step)
+        wanted = range(0) if camera else _frame_range(frames, len(pairs))
+        target = out or Path("runs") / pairs.name
+        check_folder(target, *(source or []), calib, depth, disparity)
+        set_threads(threads)
+        with viewing(target if view else None) as viewer:
+            with until_interrupt(pairs):
+                announce_compilation(is_sequence=len(wanted) != 1)
+                chosen_frames = wanted if frames else None
+                with compiling(is_sequence=len(wanted) != 1):
+                    result = pipeline.run(
+                        pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step
+                    )
+            stack.close()  # the line of progress ends before the results
+            try:
+                _say_remarks(pairs, as_json)
+                finish(result, as_json)
+            finally:
+                viewer.stay()
 
 
 @app.command("filter")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..types import FloatArray, Rig
-from ..vision.slam.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE, CalibrationHealth, DisparityBias
+from ..vision.slam.back_end.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE, CalibrationHealth, DisparityBias
 from ..vision.slam.least_squares.offsets import Estimate
 
 NEAR, FAR, _FARTHEST = 10.0, 30.0, 1e4  # m: depths that are told as examples, and the most that is said of them

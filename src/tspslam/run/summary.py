@@ -11,7 +11,8 @@ from ..session import Session
 from ..topological_map import TopologicalMap
 from ..vision.rig import doubts
 from ..vision.slam.odometry import StereoOdometry
-from .offset_doubts import Warning_, describe_health, offset_doubts, rows_doubts
+from .offset_doubts import Warning_ as Warning_
+from .offset_doubts import describe_health, offset_doubts, rows_doubts
 from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
 
 # Points in a cloud, as a share of the keypoints that the image should have: below it a cloud is almost empty. Of 42
@@ -59,7 +60,7 @@ def summarize_run(
         "frames": len(rows),
         "tracked": len(tracked) - lost,
         "keyframes": sum(row.is_keyframe for row in tracked),
-        "landmarks": len(odometry.map.xyz) if odometry else 0,
+        "landmarks": odometry.map.landmark_count if odometry else 0,
         "loops": odometry.loops if odometry else 0,
         "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.mapper.closures] if odometry else [],
         "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],
@@ -215,6 +216,12 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
     if odometry and odometry.unsolved:
         message = f"{odometry.unsolved} adjustments of the map had no solution"
         yield {"code": "adjustment", "message": message}
+    if odometry and odometry.map.images.forgotten:
+        message = (
+            f"{odometry.map.images.forgotten} images of old keyframes are gone: the disk had no room for them, or the "
+            "source has them no more; their places are not known again"
+        )
+        yield {"code": "images_forgotten", "message": message}
 
 
 def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:

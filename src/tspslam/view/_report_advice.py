@@ -31,6 +31,10 @@ ADVICE = {
     "frame_skipped": "Look at these image files: they are missing, damaged, or of another size than the others.",
     "frames_dropped": "Run the recording, which has all pairs; smaller images or fewer a second let tracking keep up.",
     "frames_missed": "Record smaller images, fewer a second, or to a faster disk.",
+    "images_forgotten": (
+        "Make room where temporary files go (TMPDIR names another place), or give more memory: "
+        "--set tracking.map.image_bytes=1e9, say."
+    ),
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
         "Trust each part by itself, not where parts stand to one another; a slower pass over the gap joins them."

@@ -54,7 +54,7 @@ class Drive:
             self.map.references()
             self.map.seen_by(self.map.keyframes[-1].landmark)
             self.map.covisible(len(self.map.keyframes) - 1)
-            self.path.record(float(index), self.map)
+            self.path.record(float(index), self.map, (max(0, index - 1), np.eye(6)))
             self.seconds.append(time.perf_counter() - started)
         return self
 

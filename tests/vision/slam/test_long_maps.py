@@ -115,7 +115,7 @@ def test_a_landmark_that_one_keyframe_saw_goes_once_it_left_the_window():
 def test_few_gaps_among_many_landmarks_stay_and_are_nowhere_to_be_seen():
     drive = Drive(redundant_share=1.0, twin_share=1.0).go(30)
     world = drive.map
-    world.close_gaps()
+    world._close_gaps(0.0)
     before, ids = world.snapshot(), world.landmark_id.copy()
     gone = world.keyframes[3].landmark[:5]  # merged into others of the same age: they leave holes far from the end
     world.merge_landmarks(world.keyframes[4].landmark[-5:], gone)
@@ -126,7 +126,7 @@ def test_few_gaps_among_many_landmarks_stay_and_are_nowhere_to_be_seen():
     assert not np.isin(ids[gone], after.landmark_id).any()
     assert len(after.xyz) == len(after.landmark_id) == len(world.xyz) - len(world.gaps)
     assert np.isin(after.observed_id, after.landmark_id).all()
-    world.close_gaps()
+    world._close_gaps(0.0)
     assert not len(world.gaps)
     assert np.array_equal(world.landmark_id, after.landmark_id)
     assert np.array_equal(world.xyz, after.xyz)

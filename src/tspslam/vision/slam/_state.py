@@ -28,7 +28,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "links": ("<i8", ("t",)),
     "linked": ("<f8", ("t", 6, 6)),
     "poses": ("<f8", (2, 4, 4)),
-    "counts": ("<i8", (4,)),
+    "counts": ("<i8", (5,)),
     "closures": ("<i8", ("c", 2)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
@@ -77,16 +77,18 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
-    map_.close_gaps()
-    frames = map_.keyframes
-    return map_.observations() | {
+    frames, gaps = map_.keyframes, map_.gaps
+    columns = map_.observations()
+    row = np.cumsum(np.bincount(gaps, minlength=len(map_.xyz)) == 0) - 1  # without the gaps
+    return columns | {
+        "landmark": row[columns["landmark"]],
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
         "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
-        "xyz": map_.xyz,
-        "descriptors": map_.descriptors,
-        "landmark_id": map_.landmark_id,
+        "xyz": np.delete(map_.xyz, gaps, axis=0),
+        "descriptors": np.delete(map_.descriptors, gaps, axis=0),
+        "landmark_id": np.delete(map_.landmark_id, gaps, axis=0),
         "next_id": np.array(map_.next_id),
         "merged": map_.merged,
         **_loop_state(map_),
@@ -202,8 +204,10 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
     links = state["links"]
     if (links < 0).any() or (links[1:] >= np.arange(1, count)).any() or links[:1].any():
         yield "a frame was located against one that is not before it"
-    wanted, lost, unsolved, asked = state["counts"].tolist()
-    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
+    wanted, lost, unsolved, asked, unplaced = state["counts"].tolist()
+    if not (
+        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1 and 0 <= unplaced <= lost
+    ):
         yield "a count is negative or too large"
     if max(lost, unsolved, len(state["closures"])) > count:
         yield "more was lost or closed than there are frames"

@@ -1,14 +1,14 @@
-"""Where a frame was taken: near a motion that goes on, or, where nothing says how the camera moved, by descriptors first."""
+"""Where a frame was taken: near a motion that goes on, or, where none is known, by descriptors first."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import Features, FloatArray
+from ...types import BoolArray, Features, FloatArray, Rig
 from ..features.binary import Descriptors, binary_descriptors, match_descriptors
 from ..features.detecting import detect_usable
 from ..images import PreparedImage
@@ -16,12 +16,14 @@ from ..rig import project
 from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 from .places.loop_closing import PlaceRecognition
-from .pose import PoseEstimate, solve_pnp_of_each
-from .tracking import TrackingSettings, choose_pose, choose_widest, is_clear, track_pose
+from .pose import PoseEstimate, fit_robustly, solve_pnp
+from .tracking import TrackingSettings, are_close, choose_pose, choose_widest, is_clear, track_closely, track_pose
 from .uncertainty import Sources, pose_covariance
 
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
-_MOTIONS = 2  # that descriptors may show: the world's, and that of something large before the camera
+_MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
+_GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
+_LEAST_MATCHES = 8  # that lead to a pose: P3P takes four; whether it is one, patches tell
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,19 @@ class Locator:
             Without disparities; None if no pose is believed.
         """
         tracked = self._track(image, predicted)
+        if tracked is not None and not are_close(tracked, predicted, self.map_.xyz, self.settings):
+            closely = self._track_closely(image, predicted)  # something else may have drawn the first one away
+            both = [tracked] if closely is None else [tracked, closely]
+            tracked = self._choose(both) or tracked
         if tracked is not None and is_clear(tracked, self.map_.xyz, predicted, self.settings):
             return tracked
-        relocalized = self.places.relocalize(image.pyramid, *self._describe(image))
-        return choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
+        described = self._describe(image)
+        relocalized = self.places.relocalize(image.pyramid, *described)
+        chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
+        return chosen or self._choose(list(self._recognise(image, *described)))
 
-    def find(self, image: PreparedImage, guess: FloatArray) -> PoseEstimate | None:
-        """Find a pose wherever it is: by descriptors of the last keyframes, then near a guess, then in the whole map.
+    def find(self, image: PreparedImage, guesses: Sequence[FloatArray]) -> PoseEstimate | None:
+        """Find a pose wherever it is: by descriptors of the last keyframes, then near guesses, then in the whole map.
 
         Each is tried by patches; the next one where the poses so far are not clear. A second motion that descriptors
         show is always tried: the first may be that of something large that moves.
@@ -76,8 +84,8 @@ class Locator:
         ----------
         image : PreparedImage
             The left image.
-        guess : (4, 4) float64
-            A pose that the camera may have.
+        guesses : sequence of (4, 4) float64
+            Poses that the camera may have.
 
         Returns
         -------
@@ -85,24 +93,41 @@ class Locator:
             Without disparities; None if no pose is believed.
         """
         found: list[PoseEstimate] = []
-        described = self._describe(image)
-        for estimates in self._attempts(image, guess, described):
+        best = None
+        for estimates in self._attempts(image, guesses, self._describe(image)):
             found += estimates
-            best = choose_widest(self.map_.rig, found, self.map_.xyz, self.settings)
+            best = self._choose(found)
             if best is not None and best.share >= self.settings.clear_share:
-                return best
+                break
+        return best
+
+    def _choose(self, found: list[PoseEstimate]) -> PoseEstimate | None:
         return choose_widest(self.map_.rig, found, self.map_.xyz, self.settings)
 
     def _attempts(
-        self, image: PreparedImage, guess: FloatArray, described: tuple[FloatArray, Descriptors]
+        self, image: PreparedImage, guesses: Sequence[FloatArray], described: tuple[FloatArray, Descriptors]
     ) -> Iterator[list[PoseEstimate]]:
         """Poses found in one way after another."""
-        near = [self._track(image, T) for T in self._recognised(*described)]
-        yield [one for one in near if one is not None]
-        tracked = self._track(image, guess)
-        yield [] if tracked is None else [tracked]
+        yield list(self._recognise(image, *described))
+        for guess in guesses:
+            tracked = self._track(image, guess)
+            yield [] if tracked is None else [tracked]
         relocalized = self.places.relocalize(image.pyramid, *described)
         yield [] if relocalized is None else [relocalized]
+
+    def is_dark(self, image: PreparedImage) -> bool:
+        """Whether an image shows too little to say where it was taken.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+
+        Returns
+        -------
+        bool
+        """
+        return len(detect_usable(image, self.detect).uv) < self.settings.min_matches
 
     def _describe(self, image: PreparedImage) -> tuple[FloatArray, Descriptors]:
         features = detect_usable(image, self.detect)
@@ -112,17 +137,48 @@ class Locator:
         map_ = self.map_
         return track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, T, self.settings)
 
-    def _recognised(self, uv: FloatArray, descriptors: Descriptors) -> list[FloatArray]:
-        """Poses from descriptors of the landmarks that are tracked."""
+    def _track_closely(self, image: PreparedImage, T: FloatArray) -> PoseEstimate | None:
+        map_ = self.map_
+        return track_closely(map_.rig, image.pyramid, map_.references(), map_.xyz, T, self.settings)
+
+    def _recognise(self, image: PreparedImage, uv: FloatArray, descriptors: Descriptors) -> Iterator[PoseEstimate]:
+        """Poses from descriptors of the landmarks that are tracked, each without what agrees with those before it."""
         map_, loops = self.map_, self.places.loops
         rows = np.concatenate([reference.landmark for reference in map_.references()])
         keypoint, known = match_descriptors(
             descriptors, map_.descriptors[rows], max_hamming=loops.max_hamming, ratio=loops.ratio
         )
-        return solve_pnp_of_each(
-            map_.rig, map_.xyz[rows[known]], uv[keypoint],
-            max_error=loops.pnp_error, min_matches=self.settings.min_matches, most=_MOTIONS,
-        )  # fmt: skip
+        rows, uv = rows[known], uv[keypoint]
+        for _ in range(_MOTIONS):
+            T = self._solve(rows, uv)
+            if T is None:
+                return
+            estimate = self._track_closely(image, T) or self._track(image, T)
+            if estimate is not None:
+                yield estimate
+                T = estimate.T_world_camera
+            is_left = ~_agree(map_.rig, T, map_.xyz[rows], uv, loops.pnp_error)
+            if is_left.all():  # patches led elsewhere
+                return
+            rows, uv = rows[is_left], uv[is_left]
+
+    def _solve(self, rows: NDArray[np.int64], uv: FloatArray) -> FloatArray | None:
+        """Pose from landmarks, some of them wrong, and where keypoints have them: P3P, then least squares."""
+        map_, most = self.map_, self.places.loops.pnp_error
+        T = solve_pnp(map_.rig, map_.xyz[rows], uv, max_error=most, min_matches=_LEAST_MATCHES)
+        if T is None:
+            return None
+        agree = _agree(map_.rig, T, map_.xyz[rows], uv, most)
+        known = PoseEstimate(T, rows[agree], uv[agree], np.full(agree.sum(), np.nan), np.eye(6))
+        fitted = fit_robustly(map_.rig, map_.xyz, known, (self.settings.rough_sigma_uv, 1.0), (_GATE,), _LEAST_MATCHES)
+        return T if fitted is None else fitted.T_world_camera
+
+
+def _agree(rig: Rig, T: FloatArray, xyz: FloatArray, uv: FloatArray, most: float) -> BoolArray:
+    """Which points a camera at T sees within some pixels of their places."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off: FloatArray = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
+    return off <= most
 
 
 def covariance_against_keyframe(

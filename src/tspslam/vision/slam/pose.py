@@ -11,13 +11,12 @@ from ..._brief import Brief
 from ..._checks import is_rigid, told
 from ...errors import InputError
 from ...types import Cloud, FloatArray, Rig
-from ..rig import project
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
 from .least_squares.bundle import lens_of, minimise
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
-_SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
+_SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters are outliers
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 
@@ -316,41 +315,3 @@ def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, mi
     T[:3, :3] = cv2.Rodrigues(turn)[0].T
     T[:3, 3] = -T[:3, :3] @ t[:, 0]
     return T
-
-
-def solve_pnp_of_each(
-    rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int, most: int
-) -> list[FloatArray]:
-    """Poses of a camera from points that do not all move alike: `solve_pnp`, again without the points that agreed.
-
-    Parameters
-    ----------
-    rig : Rig
-        The camera.
-    xyz : (N, 3) float64
-        Points, m.
-    uv : (N, 2) float64
-        Where they are seen, px.
-    max_error : float
-        Largest distance of a point that agrees from where it is seen, px.
-    min_matches : int
-        Points that must agree on each.
-    most : int
-        Poses at most.
-
-    Returns
-    -------
-    list of (4, 4) float64
-        ``T_world_camera``; the one on which most points agree first, as far as random samples find it.
-    """
-    found: list[FloatArray] = []
-    left = np.ones(len(xyz), np.bool_)
-    while len(found) < most:
-        T = solve_pnp(rig, xyz[left], uv[left], max_error=max_error, min_matches=min_matches)
-        if T is None:
-            break
-        found.append(T)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            off = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
-        left &= ~(off <= 2 * max_error)  # the fringe of one motion is none of its own
-    return found

@@ -29,14 +29,15 @@ def sights_of_landmarks(landmark: Int64, count: int) -> tuple[Int64, Int64]:
 @kernel
 def shared_pairs(
     landmark: Int64, frame: Int64, begin: Int64, start: Int64, sight: Int64, least: int
-) -> tuple[Int64, Int64]:
-    """Pairs i < j of keyframes that follow each other, or see `least` landmarks in common: j of each, and their bounds.
+) -> tuple[Int64, Int64, Int64]:
+    """Pairs i < j of keyframes that follow each other, or see `least` landmarks in common.
 
-    Keyframe i has the observations ``begin[i] <= o < begin[i + 1]``; its pairs are ``second[first[i] : first[i + 1]]``.
+    Keyframe i has the observations ``begin[i] <= o < begin[i + 1]``; its pairs are ``second[first[i] : first[i + 1]]``,
+    with the numbers of landmarks in common beside.
     """
     n = begin.shape[0] - 1
     first, shared = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
-    second, size = np.empty(8 * n + 8, np.int64), 0
+    second, common, size = np.empty(8 * n + 8, np.int64), np.empty(8 * n + 8, np.int64), 0
     for i in range(n):
         last = i
         for o in range(begin[i], begin[i + 1]):
@@ -50,45 +51,35 @@ def shared_pairs(
             if shared[j] >= least or j == i + 1:
                 if size == second.shape[0]:
                     second = np.concatenate((second, np.empty(size, np.int64)))
-                second[size] = j
+                    common = np.concatenate((common, np.empty(size, np.int64)))
+                second[size], common[size] = j, shared[j]
                 size += 1
             shared[j] = 0
         first[i + 1] = size
-    return first, second[:size]
+    return first, second[:size], common[:size]
 
 
 @kernel
-def add_information(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, weight: Float64, sum_: Float64
-) -> None:
-    """Add the information (6, 6) on a camera at R, t from one sight of X; `weight` has a pixel and a disparity."""
-    p, r, J = np.empty(3), np.empty(3), np.empty((3, 6))
-    if not residual(lens, R, t, X, seen, p, r):
-        return
-    pose_jacobian(lens, p, not np.isnan(seen[2]), J)
-    for a in range(6):
-        u, v, d = weight[0] * J[0, a], weight[0] * J[1, a], weight[1] * J[2, a]
-        for b in range(6):
-            sum_[a, b] += u * J[0, b] + v * J[1, b] + d * J[2, b]
-
-
-@kernel
-def pair_information(
-    lens: Float64, R: Float64, t: Float64, X: Float64, landmark: Int64, frame: Int64, begin: Int64, seen: Float64,
-    weight: Float64, start: Int64, sight: Int64, first: Int64, second: Int64, information: Float64,
+def information_of(
+    lens: Float64, R: Float64, t: Float64, X: Float64, landmark: Int64, begin: Int64, seen: Float64, weight: Float64,
+    information: Float64,
 ) -> None:  # fmt: skip
-    """Add, for each pair (i, j), what the landmarks in common tell of j's pose: (6, 6), in the frame of j."""
-    n = begin.shape[0] - 1
-    slot = np.full(n, -1)
-    for i in range(n):
-        for e in range(first[i], first[i + 1]):
-            slot[second[e]] = e
-        for o in range(begin[i], begin[i + 1]):
-            m = landmark[o]
-            for s in range(start[m], start[m + 1]):
-                other = sight[s]
-                j = frame[other]
-                if slot[j] >= 0:
-                    add_information(lens, R[j], t[j], X[m], seen[other], weight[other], information[slot[j]])
-        for e in range(first[i], first[i + 1]):
-            slot[second[e]] = -1
+    """Fill what its sights tell of the pose of each camera, (6, 6), in its own frame.
+
+    `weight` (O, 2) is the information of a pixel and of a disparity.
+    """
+    p, r, J = np.empty(3), np.empty(3), np.empty((3, 6))
+    for k in range(R.shape[0]):
+        S = information[k]
+        S[:] = 0
+        for o in range(begin[k], begin[k + 1]):
+            if not residual(lens, R[k], t[k], X[landmark[o]], seen[o], p, r):
+                continue
+            pose_jacobian(lens, p, not np.isnan(seen[o, 2]), J)
+            for a in range(6):
+                u, v, d = weight[o, 0] * J[0, a], weight[o, 0] * J[1, a], weight[o, 1] * J[2, a]
+                for b in range(a + 1):
+                    S[a, b] += u * J[0, b] + v * J[1, b] + d * J[2, b]
+        for a in range(6):
+            for b in range(a):
+                S[b, a] = S[a, b]

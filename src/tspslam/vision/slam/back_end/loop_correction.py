@@ -83,53 +83,51 @@ class LoopProblem(Brief):
         """
         T = np.stack([frame.T_world_camera for frame in self.frames])
         i, j, information = self._neighbours(T)
-        edges = [i, j, normalised(inverse(T[i]) @ T[j]), information]
-        edges = [np.concatenate([values, [own]]) for values, own in zip(edges, self._loop_edge(T), strict=True)]
-        found = optimise_poses(T, PoseEdges(*edges), max_steps=_MAX_STEPS)
+        older, T_loop, own = self._loop_edge(T)
+        T_ij = np.concatenate([normalised(inverse(T[i]) @ T[j]), [T_loop]])
+        edges = PoseEdges(np.append(i, older), np.append(j, len(T) - 1), T_ij, np.concatenate([information, [own]]))
+        found = optimise_poses(T, edges, max_steps=_MAX_STEPS)
         return normalised(found.T_world @ inverse(T))
 
     def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-        """Pairs of keyframes and their information."""
-        from ._loop_correction import pair_information, shared_pairs, sights_of_landmarks
+        """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""
+        from ._loop_correction import shared_pairs, sights_of_landmarks
 
         frames = self.frames
         counts = np.array([len(frame.landmark) for frame in frames])
-        begin, frame = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(frames)), counts)
         landmark = np.concatenate([frame.landmark for frame in frames])
         start, sight = sights_of_landmarks(landmark, len(self.xyz))
-        first, j = shared_pairs(landmark, frame, begin, start, sight, _LEAST_SHARED)
+        begin, of = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(frames)), counts)
+        first, j, shared = shared_pairs(landmark, of, begin, start, sight, _LEAST_SHARED)
         i = np.repeat(np.arange(len(frames)), np.diff(first))
-        information = np.tile(_LOOSE, (len(j), 1, 1))
-        sights = landmark, frame, begin, *self._sights(frames)
-        pair_information(*self._cameras(T), self.xyz, *sights, start, sight, first, j, information)
+        share = shared / np.maximum(counts[j], 1)
+        information = share[:, None, None] * self._information(frames, T)[j] + _LOOSE
         is_guess = np.array([frame.is_start for frame in frames])[j] & (j == i + 1)
         information[is_guess] = _GUESSED
-        return i, j, (information + np.swapaxes(information, 1, 2)) / 2
+        return i, j, information
 
-    def _cameras(self, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What the compiled loops know of the lens and of cameras at T."""
+    def _information(self, frames: Sequence[Keyframe], T: FloatArray) -> FloatArray:
+        """What the sights of keyframes at T tell of their poses, (K, 6, 6)."""
+        from ._loop_correction import information_of
+
         T_camera_world = inverse(T)
-        return lens_of(self.rig), np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
-
-    def _sights(self, frames: tuple[Keyframe, ...]) -> tuple[FloatArray, FloatArray]:
-        """(u, v, disparity) of all observations, and the information of a pixel and of a disparity."""
-        uv, disparity, sigma = (
-            np.concatenate([getattr(f, name) for f in frames]) for name in ("uv", "disparity", "sigma")
+        R, t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
+        landmark, uv, disparity, sigma = (
+            np.concatenate([getattr(f, name) for f in frames]) for name in ("landmark", "uv", "disparity", "sigma")
         )
+        begin = np.concatenate([[0], np.cumsum([len(f.landmark) for f in frames])])
         weight = np.column_stack([np.full(len(sigma), self.sigma_uv**-2.0), sigma**-2.0])
-        return np.column_stack([uv, disparity]), weight
+        found = np.empty((len(frames), 6, 6))
+        sights = landmark, begin, np.column_stack([uv, disparity]), weight
+        information_of(lens_of(self.rig), R, t, self.xyz, *sights, found)
+        return found
 
-    def _loop_edge(self, T: FloatArray) -> tuple[int, int, FloatArray, FloatArray]:
-        """The older keyframe, the last one, where that one is seen from there, and the information."""
-        from ._loop_correction import add_information
-
+    def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+        """The older keyframe, where the last one is seen from there, and the information."""
         loop = self.loop
         older = _older_place(self.frames, loop, len(self.xyz))
-        lens, R, t = self._cameras(loop.T_world_camera[None])
-        information = _LOOSE.copy()
-        for X, seen, weight in zip(self.xyz[loop.landmark], *self._sights((loop,)), strict=True):
-            add_information(lens, R[0], t[0], X, seen, weight, information)
-        return older, len(T) - 1, normalised(inverse(T[older]) @ loop.T_world_camera), (information + information.T) / 2
+        information = self._information([loop], loop.T_world_camera[None])[0] + _LOOSE
+        return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
 
 
 def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
@@ -187,9 +185,9 @@ def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
     first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
     moved, older = motions[first_seen], _older_place(frames, loop, len(map_.xyz))
     map_.xyz = np.einsum("mij,mj->mi", moved[:, :3, :3], map_.xyz) + moved[:, :3, 3]
-    for k, frame in enumerate(frames):
-        T = normalised(motions[k] @ frame.T_world_camera) if k else frame.T_world_camera
-        frames[k] = replace(frame, T_world_camera=T, is_start=frame.is_start and k <= older)
+    poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
+    for k in range(1, len(frames)):
+        frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
     map_.unsettled = {frame.index for frame in frames[1:]}
     map_.loop = None
     _join_sights(map_, loop, same_landmark)

@@ -67,7 +67,7 @@ class Map:
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
         self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
-        self.images = KeyframeImages(self.settings.image_bytes)
+        self.images = KeyframeImages(self.settings.image_bytes, (rig.height, rig.width))
         self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
@@ -116,6 +116,11 @@ class Map:
     def merged(self, values: NDArray[np.int64]) -> None:
         """Put others in their place."""
         self._merged = Column(values)
+
+    @property
+    def landmark_count(self) -> int:
+        """How many landmarks there are: rows but gaps."""
+        return len(self.xyz) - len(self.gaps)
 
     def snapshot(self) -> MapSnapshot:
         """Copy the map as it is now.
@@ -253,13 +258,12 @@ class Map:
         rows = self._new_landmarks(keypoints, old.uv)
         T = T_world_camera
         points = back_project(self.rig, keypoints.uv[rows], keypoints.disparity[rows]) @ T[:3, :3].T + T[:3, 3]
-        born = np.arange(len(rows))
-        landmark = np.concatenate([old.landmark, len(self.xyz) + born])
+        landmark = np.concatenate([old.landmark, len(self.xyz) + np.arange(len(rows))])
         if not self.keyframes:
             self.descriptors = keypoints.descriptors[:0]  # as long as these are
         self._xyz.extend(points)
         self._descriptors.extend(keypoints.descriptors[rows])
-        self._landmark_id.extend(self.next_id + born)
+        self._landmark_id.extend(self.next_id + np.arange(len(rows)))
         self.next_id += len(rows)
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
@@ -316,10 +320,6 @@ class Map:
         columns = {name: getattr(self.keyframes[place], name)[kept] for name in _NOTHING}
         self._change(place, **columns | changes)
 
-    def close_gaps(self) -> None:
-        """Move landmarks up to where culled ones were."""
-        self._close_gaps(0.0)
-
     def _close_gaps(self, least: float) -> None:
         """Move the rows up from the first gap on from which at least such a share are gaps."""
         after = len(self.xyz) - self.gaps
@@ -343,7 +343,7 @@ class Map:
         A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
         looks from about there at the same: each place keeps a bounded number.
         """
-        frames, gone = self.keyframes, []
+        frames, gone = self.keyframes, list[int]()
         for k in self._seen_by_the_window():
             other = None if k == 0 or frames[k].is_start else self._replacement(k, gone)
             if other is not None:
@@ -419,7 +419,7 @@ class Map:
         place : int
             Which keyframe of the map.
         again : Keyframe
-            Sights of landmarks, by their rows, of which those that the keyframe sees already do not count.
+            Sights of landmarks, by their rows; those that it sees already do not count.
         """
         own = self.keyframes[place]
         new = ~np.isin(again.landmark, own.landmark)

@@ -14,6 +14,7 @@ from ....types import BoolArray, FloatArray, real_array
 from ...se3 import normalised
 from .bundle import minimise
 
+_FIRST_DAMPING = 1e-12  # of the diagonal: the softest bend of a chain of 1000 poses has about as much stiffness
 _ASYMMETRY = 1e-6  # of an information matrix, by its largest value: text files round
 
 
@@ -147,7 +148,7 @@ class _Graph:
     def solve(self, T: FloatArray, max_steps: int) -> PoseGraph:
         """Search the optimum from poses T."""
         begin = np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3].copy()
-        found = minimise("pose graph", begin, self._cost, self._propose, max_steps if self.count else 0)
+        found = minimise("pose graph", begin, self._cost, self._propose, max_steps if self.count else 0, _FIRST_DAMPING)
         self._cost(found.state)
         result = T.copy()
         moved = self.column >= 0
