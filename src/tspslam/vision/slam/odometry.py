@@ -20,6 +20,7 @@ from ..images import PreparedPair, grey_levels, prepare
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
+from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
@@ -334,6 +335,8 @@ class StereoOdometry:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
             self.path.pose = self.mapper.finish(self.path.pose)
+            if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
+                self.path.pose = self.mapper.finish(self.path.pose)
 
     def close(self) -> None:
         """Release the worker thread; no further pair can be processed."""
@@ -352,9 +355,9 @@ class StereoOdometry:
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting, path.unplaced
         state = map_state(self.map) | {
-            "stamps": np.array(path.stamps),
-            "anchors": np.array([index for index, _ in path.anchors], np.int64),
-            "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
+            "stamps": path.stamps,
+            "anchors": path.anchors,
+            "anchored": path.anchored,
             "links": np.array([index for index, _ in path.links], np.int64),
             "linked": _finite_or_nan(np.array([C for _, C in path.links]).reshape(-1, 6, 6)),
             "poses": np.stack([path.pose, path.motion]),
@@ -363,7 +366,8 @@ class StereoOdometry:
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
-        return {name: values.copy() for name, values in state.items()}  # the map goes on
+        # the map goes on: what was not made for this is copied
+        return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a state.
@@ -385,8 +389,7 @@ class StereoOdometry:
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
-        path.stamps = state["stamps"].tolist()
-        path.anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
+        path.restore(state["stamps"], state["anchors"], state["anchored"])
         linked = np.where(np.isnan(state["linked"]), np.inf, state["linked"])
         path.links = list(zip(state["links"].tolist(), linked, strict=True))
         path.pose, path.motion = state["poses"]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...types import FloatArray, Trajectory
 from ..se3 import inverse, normalised, repeated
+from .keyframes.columns import Column
 from .keyframes.map import Map
 from .pose import PoseEstimate
 from .uncertainty import adjoint
@@ -17,6 +19,8 @@ _GAP = 1.5  # times their median, from which an interval is a gap: one frame lef
 
 class CameraPath:
     """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
+
+    A frame takes some 700 bytes.
 
     Attributes
     ----------
@@ -31,14 +35,47 @@ class CameraPath:
     """
 
     def __init__(self) -> None:
-        self.stamps: list[float] = []
-        self.anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
+        self._stamps = Column(np.empty(0))
+        self._anchors, self._anchored = Column(np.empty(0, np.int64)), Column(np.empty((0, 4, 4)))
+        self._held: dict[int, list[int]] = {}  # frames by the number of the keyframe that holds them
         self.links: list[tuple[int, FloatArray]] = []  # frame that it was located against, covariance against it
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.unplaced, self.was_lost = 0, 0, False
 
+    @property
+    def stamps(self) -> FloatArray:
+        """When the frames were taken, (T,) float64, s."""
+        return self._stamps.rows
+
+    @property
+    def anchors(self) -> NDArray[np.int64]:
+        """Numbers of the keyframes that hold the frames, (T,) int64."""
+        return self._anchors.rows
+
+    @property
+    def anchored(self) -> FloatArray:
+        """Poses of the frames in these, ``T_keyframe_camera``, (T, 4, 4) float64."""
+        return self._anchored.rows
+
+    def restore(self, stamps: FloatArray, anchors: NDArray[np.int64], anchored: FloatArray) -> None:
+        """Put other frames in the place of these.
+
+        Parameters
+        ----------
+        stamps : (T,) float64
+            As `stamps`.
+        anchors : (T,) int64
+            As `anchors`.
+        anchored : (T, 4, 4) float64
+            As `anchored`.
+        """
+        self._stamps, self._anchors, self._anchored = Column(stamps), Column(anchors), Column(anchored)
+        self._held = {}
+        for frame, keyframe in enumerate(anchors.tolist()):
+            self._held.setdefault(keyframe, []).append(frame)
+
     def __len__(self) -> int:
-        return len(self.stamps)
+        return len(self._stamps)
 
     @property
     def is_motion_known(self) -> bool:
@@ -74,8 +111,8 @@ class CameraPath:
         """
         if len(self) < 2:
             return self.pose
-        last = self.stamps[-1] - self.stamps[-2]
-        share = (stamp - self.stamps[-1]) / last if last > 0 else 1.0
+        before, last = self.stamps[-2:].tolist()
+        share = (stamp - last) / (last - before) if last > before else 1.0
         return normalised(self.pose @ repeated(self.motion, min(share, _LONGEST)))
 
     def last_found(self, map_: Map) -> FloatArray:
@@ -126,11 +163,17 @@ class CameraPath:
         """
         self.links.append(link)
         for gone, other, T in map_.dropped:
-            self.anchors = [(other, T @ pose) if index == gone else (index, pose) for index, pose in self.anchors]
+            held = self._held.pop(gone, [])
+            self._held.setdefault(other, []).extend(held)
+            self.anchors[held] = other
+            for frame in held:
+                self.anchored[frame] = T @ self.anchored[frame]
         map_.dropped.clear()
         last = map_.keyframes[-1]
-        self.stamps.append(stamp)
-        self.anchors.append((last.index, inverse(last.T_world_camera) @ self.pose))
+        self._held.setdefault(last.index, []).append(len(self))
+        self._stamps.extend([stamp])
+        self._anchors.extend([last.index])
+        self._anchored.extend([inverse(last.T_world_camera) @ self.pose])
 
     def trajectory(self, map_: Map) -> Trajectory:
         """Put the frames where their keyframes are now.
@@ -144,9 +187,9 @@ class CameraPath:
         -------
         Trajectory
         """
-        pose_of = {frame.index: frame.T_world_camera for frame in map_.keyframes}
-        poses = [pose_of[index] @ T for index, T in self.anchors]
-        return Trajectory(np.array(self.stamps), np.array(poses).reshape(-1, 4, 4))
+        keyframes = np.array([frame.index for frame in map_.keyframes], np.int64)
+        poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
+        return Trajectory(self.stamps.copy(), poses[np.searchsorted(keyframes, self.anchors)] @ self.anchored)
 
     def covariance_from_start(self, frame: int, poses: FloatArray) -> FloatArray:
         """Find the covariance of a frame's pose against the first one: its own and those of the keyframes before it.

@@ -24,14 +24,13 @@ from ._values import Size
 from .own import is_own, read_own
 from .readers import colmap, euroc, ros
 from .readers.basalt import is_basalt, read_basalt
+from .readers.factory import is_t265, is_zed, parse_zed, read_t265, read_zed
 from .readers.kalibr import is_kalibr, read_kalibr
 from .readers.kitti import is_kitti, parse_kitti, read_kitti
 from .readers.middlebury import is_middlebury, parse_middlebury, read_middlebury
 from .readers.opencv import is_opencv, read_opencv
 from .readers.orbslam import is_orbslam, read_orbslam
 from .readers.stella import is_stella, read_stella
-from .readers.t265 import is_t265, read_t265
-from .readers.zed import is_zed, parse_zed, read_zed
 
 __getattr__ = load_files(__name__)
 _EXPECTED = "a calibration of tspslam, KITTI, EuRoC, OpenCV, Kalibr, ROS, ORB-SLAM or another program that is known"
