@@ -127,7 +127,8 @@ class CameraPath:
         -------
         (4, 4) float64
         """
-        index, T = self.anchors[max(0, len(self) - 1 - self.lost)]
+        last = max(0, len(self) - 1 - self.lost)
+        index, T = self.anchors[last], self.anchored[last]
         pose: FloatArray = next(frame.T_world_camera for frame in reversed(map_.keyframes) if frame.index == index) @ T
         return pose
 
