@@ -21,7 +21,8 @@ _LEAST_SHARED = 15  # landmarks that make two keyframes neighbours (Mur-Artal et
 # Information of each edge besides that of the landmarks: neighbours are some metres and less than a right angle apart.
 _LOOSE = np.diag([1.0] * 3 + [1e-2] * 3)  # 1 rad, 10 m
 _GUESSED = np.diag([1e-2] * 3 + [1e-6] * 3)  # of a step that was guessed: 10 rad, 1 km
-_MAX_STEPS = 20  # twice what loops of 3 km with 30 m of error took
+_MAX_STEPS = 20  # five times what a loop of 6 km with 60 m of error took
+_HUBER = 2.5  # standard deviations, as in `adjust`
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,53 +84,55 @@ class LoopProblem(Brief):
         """
         T = np.stack([frame.T_world_camera for frame in self.frames])
         i, j, information = self._neighbours(T)
-        edges = [i, j, normalised(inverse(T[i]) @ T[j]), information]
-        edges = [np.concatenate([values, [own]]) for values, own in zip(edges, self._loop_edge(T), strict=True)]
-        found = optimise_poses(T, PoseEdges(*edges), max_steps=_MAX_STEPS)
+        older, T_loop, own = self._loop_edge(T)
+        T_ij = np.concatenate([normalised(inverse(T[i]) @ T[j]), [T_loop]])
+        edges = PoseEdges(np.append(i, older), np.append(j, len(T) - 1), T_ij, np.concatenate([information, [own]]))
+        found = optimise_poses(T, edges, max_steps=_MAX_STEPS)
         return normalised(found.T_world @ inverse(T))
 
     def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-        """Pairs of keyframes and their information."""
-        from ._loop_correction import pair_information, shared_pairs, sights_of_landmarks
-
-        frames = self.frames
-        counts = np.array([len(frame.landmark) for frame in frames])
-        begin, frame = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(frames)), counts)
-        landmark = np.concatenate([frame.landmark for frame in frames])
-        start, sight = sights_of_landmarks(landmark, len(self.xyz))
-        first, j = shared_pairs(landmark, frame, begin, start, sight, _LEAST_SHARED)
-        i = np.repeat(np.arange(len(frames)), np.diff(first))
-        information = np.tile(_LOOSE, (len(j), 1, 1))
-        sights = landmark, frame, begin, *self._sights(frames)
-        pair_information(*self._cameras(T), self.xyz, *sights, start, sight, first, j, information)
-        is_guess = np.array([frame.is_start for frame in frames])[j] & (j == i + 1)
+        """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""
+        i, j, shared = _sharing(self.frames, len(self.xyz))
+        share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
+        own = np.stack([self._information(*pair) for pair in zip(self.frames, T, strict=True)])
+        information = share[:, None, None] * own[j] + _LOOSE
+        is_guess = np.array([frame.is_start for frame in self.frames])[j] & (j == i + 1)
         information[is_guess] = _GUESSED
-        return i, j, (information + np.swapaxes(information, 1, 2)) / 2
+        return i, j, information
 
-    def _cameras(self, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What the compiled loops know of the lens and of cameras at T."""
-        T_camera_world = inverse(T)
-        return lens_of(self.rig), np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
+    def _information(self, frame: Keyframe, T: FloatArray) -> FloatArray:
+        """What the sights of a keyframe at T tell of its pose, (6, 6), in its own frame."""
+        from ..least_squares._kernels import pose_equations
 
-    def _sights(self, frames: tuple[Keyframe, ...]) -> tuple[FloatArray, FloatArray]:
-        """(u, v, disparity) of all observations, and the information of a pixel and of a disparity."""
-        uv, disparity, sigma = (
-            np.concatenate([getattr(f, name) for f in frames]) for name in ("uv", "disparity", "sigma")
-        )
-        weight = np.column_stack([np.full(len(sigma), self.sigma_uv**-2.0), sigma**-2.0])
-        return np.column_stack([uv, disparity]), weight
+        T_camera_world, S = inverse(T), np.empty((6, 6))
+        R, t = T_camera_world[:3, :3].copy(), T_camera_world[:3, 3].copy()
+        seen, weights = np.column_stack([frame.uv, frame.disparity]), np.empty((len(frame.uv), 2))
+        weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, frame.sigma**-2.0
+        pose_equations(lens_of(self.rig), R, t, self.xyz[frame.landmark], seen, weights, _HUBER, S, np.empty(6))
+        return S
 
-    def _loop_edge(self, T: FloatArray) -> tuple[int, int, FloatArray, FloatArray]:
-        """The older keyframe, the last one, where that one is seen from there, and the information."""
-        from ._loop_correction import add_information
-
+    def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+        """The older keyframe, where the last one is seen from there, and the information."""
         loop = self.loop
         older = _older_place(self.frames, loop, len(self.xyz))
-        lens, R, t = self._cameras(loop.T_world_camera[None])
-        information = _LOOSE.copy()
-        for X, seen, weight in zip(self.xyz[loop.landmark], *self._sights((loop,)), strict=True):
-            add_information(lens, R[0], t[0], X, seen, weight, information)
-        return older, len(T) - 1, normalised(inverse(T[older]) @ loop.T_world_camera), (information + information.T) / 2
+        information = self._information(loop, loop.T_world_camera) + _LOOSE
+        return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
+
+
+def _sharing(frames: Sequence[Keyframe], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs i < j of keyframes that follow each other or see landmarks in common, of `count`; how many these are."""
+    from scipy.sparse import csr_matrix, eye_array, triu
+
+    start = np.cumsum([0, *(len(frame.landmark) for frame in frames)])
+    landmark = np.concatenate([frame.landmark for frame in frames])
+    sees = csr_matrix((np.ones(len(landmark), np.int64), landmark, start), (len(frames), count))
+    pairs = triu(sees @ sees.T, 1) + triu(eye_array(len(frames), k=1, dtype=np.int64))  # one more where they follow
+    pairs = pairs.tocoo()
+    order = np.lexsort((pairs.col, pairs.row))
+    i, j = pairs.row[order].astype(np.int64), pairs.col[order].astype(np.int64)
+    shared = pairs.data[order] - (j == i + 1)
+    kept = (shared >= _LEAST_SHARED) | (j == i + 1)
+    return i[kept], j[kept], shared[kept]
 
 
 def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
@@ -137,6 +140,12 @@ def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
     is_seen = np.zeros(count, np.bool_)
     is_seen[loop.landmark] = True
     return int(np.argmax([is_seen[frame.landmark].sum() for frame in frames[:-1]]))
+
+
+def prepare() -> None:
+    """Have what closes loops compiled, or read from disk, before the camera waits for it."""
+    T, one = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(6), (2, 1, 1))
+    optimise_poses(T, PoseEdges(np.array([0, 1]), np.array([1, 2]), T[:2], one), max_steps=1)
 
 
 def note_loop(
@@ -187,9 +196,9 @@ def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
     first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
     moved, older = motions[first_seen], _older_place(frames, loop, len(map_.xyz))
     map_.xyz = np.einsum("mij,mj->mi", moved[:, :3, :3], map_.xyz) + moved[:, :3, 3]
-    for k, frame in enumerate(frames):
-        T = normalised(motions[k] @ frame.T_world_camera) if k else frame.T_world_camera
-        frames[k] = replace(frame, T_world_camera=T, is_start=frame.is_start and k <= older)
+    poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
+    for k in range(1, len(frames)):
+        frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
     map_.unsettled = {frame.index for frame in frames[1:]}
     map_.loop = None
     _join_sights(map_, loop, same_landmark)

@@ -258,13 +258,12 @@ class Map:
         rows = self._new_landmarks(keypoints, old.uv)
         T = T_world_camera
         points = back_project(self.rig, keypoints.uv[rows], keypoints.disparity[rows]) @ T[:3, :3].T + T[:3, 3]
-        born = np.arange(len(rows))
-        landmark = np.concatenate([old.landmark, len(self.xyz) + born])
+        landmark = np.concatenate([old.landmark, len(self.xyz) + np.arange(len(rows))])
         if not self.keyframes:
             self.descriptors = keypoints.descriptors[:0]  # as long as these are
         self._xyz.extend(points)
         self._descriptors.extend(keypoints.descriptors[rows])
-        self._landmark_id.extend(self.next_id + born)
+        self._landmark_id.extend(self.next_id + np.arange(len(rows)))
         self.next_id += len(rows)
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
@@ -344,7 +343,7 @@ class Map:
         A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
         looks from about there at the same: each place keeps a bounded number.
         """
-        frames, gone = self.keyframes, []
+        frames, gone = self.keyframes, list[int]()
         for k in self._seen_by_the_window():
             other = None if k == 0 or frames[k].is_start else self._replacement(k, gone)
             if other is not None:
@@ -420,7 +419,7 @@ class Map:
         place : int
             Which keyframe of the map.
         again : Keyframe
-            Sights of landmarks, by their rows, of which those that the keyframe sees already do not count.
+            Sights of landmarks, by their rows; those that it sees already do not count.
         """
         own = self.keyframes[place]
         new = ~np.isin(again.landmark, own.landmark)
