@@ -1,47 +1,149 @@
+import collections
+import json
 import logging
 import os
 import subprocess
 import sys
 
-from tspslam import _jit
+import pytest
+
+from tests.sequences import SMALL_RIG, corridor, write_sequence
+from tspslam import _jit, _kernel_cache
+from tspslam.run._compiling import LIST, listed
+
+MODULE = """
+from tspslam._jit import inlined, kernel
+STEP = {step}
+@inlined
+def more(x):
+    return x + {more}
+@kernel
+def one(x):
+    '''{doc}'''
+    return more(x) * STEP
+"""
+COUNT = (
+    "from {name} import one; one(1); print(sum(one.stats.cache_hits.values()), sum(one.stats.cache_misses.values()))"
+)
+FOREIGN = pytest.mark.skipif(not hasattr(os, "getuid"), reason="folders of a user are closed to others there")
 
 
 def one(x):
     return x + 1
 
 
-def test_without_a_cache_folder_kernels_compile_and_one_line_says_so(monkeypatch, caplog):
-    real = _jit.numba.njit
+def environment(cache):
+    return os.environ | {"NUMBA_CACHE_DIR": str(cache)}
 
-    def refusing(*args, cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return real(*args, **options)
 
-    monkeypatch.setattr(_jit.numba, "njit", refusing)
+def start(code, cache, folder="."):
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=environment(cache), cwd=folder, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def outcome(process):
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    return out, err
+
+
+def found(tmp_path, name="here", step=1, more=1, doc="One."):
+    """Hits and misses of a process that calls a kernel of a module of that content."""
+    folder = tmp_path / name
+    folder.mkdir(exist_ok=True)
+    (folder / "mine.py").write_text(MODULE.format(step=step, more=more, doc=doc))
+    code = "import sys; sys.path.insert(0, '.'); sys.dont_write_bytecode = True; " + COUNT.format(name="mine")
+    return outcome(start(code, tmp_path / "cache", folder))[0].split()
+
+
+def test_without_a_folder_kernels_compile_and_one_line_says_so(monkeypatch, caplog):
+    monkeypatch.setattr(_jit, "find_folder", lambda: None)
     monkeypatch.setattr(_jit, "_said", set())
     with caplog.at_level(logging.WARNING, "tspslam"):
         kernels = [_jit.kernel(one), _jit.kernel(one)]
     assert [kernel(1) for kernel in kernels] == [2, 2]
     assert [record.message for record in caplog.records] == [
-        "kernels are compiled anew in each process: numba found no folder that it can write"
+        "kernels are compiled anew in each process: there is no folder of your own that can be written"
     ]
     assert not _jit.is_cached(kernels[0])
 
 
-def test_a_fresh_cache_folder_is_announced_and_then_used(tmp_path, pair_files):
-    script = "from tspslam.cli._shared import announce_compilation as say; say()"
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PATH": ""}
+def test_a_fresh_folder_is_announced_and_then_used(tmp_path):
+    say = "from tspslam.cli._shared import announce_compilation as say; say()"
 
     def said(code):
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        return "compiling kernels" in done.stderr
+        return "compiling kernels" in outcome(start(code, tmp_path))[1]
 
-    assert said(script)
-    (tmp_path / "cache").mkdir(exist_ok=True)
-    use = "from tspslam.topology._harmonics import pack; import numpy as n; pack(0, n.ones((1,2)), n.ones(1), n.ones(1, bool), n.ones((1,4)))"
+    assert said(say)
+    use = (
+        "from tspslam.run._compiling import compile_one, listed; from tspslam.topology import _harmonics\n"
+        "[compile_one(_harmonics.filter_one_ring, types) for _, name, types in listed() if name == 'filter_one_ring']"
+    )
     assert not said(use)
-    assert not said(script)
+    assert not said(say)
+
+
+def test_a_kernel_is_found_by_what_it_is_made_of_wherever_it_lies(tmp_path):
+    assert found(tmp_path) == ["0", "1"]
+    assert found(tmp_path) == ["1", "0"]
+    assert found(tmp_path, "elsewhere", doc="Said otherwise.") == ["1", "0"]
+    assert found(tmp_path, step=2) == ["0", "1"]
+    assert found(tmp_path, more=2) == ["0", "1"]
+
+
+def test_a_torn_file_is_compiled_again(tmp_path):
+    found(tmp_path)
+    for path in (tmp_path / "cache").rglob("*.bin"):
+        path.write_bytes(path.read_bytes()[:-1])
+    assert found(tmp_path) == ["0", "1"]
+    assert found(tmp_path) == ["1", "0"]
+
+
+@FOREIGN
+@pytest.mark.parametrize("mode", [0o720, 0o702])
+def test_a_folder_that_others_can_write_is_not_trusted(tmp_path, monkeypatch, mode):
+    monkeypatch.setattr(_kernel_cache, "_bases", lambda: [tmp_path])
+    find = _kernel_cache.find_folder.__wrapped__
+    assert find().is_relative_to(tmp_path)
+    (tmp_path / _kernel_cache.FOLDER).chmod(mode)
+    assert find() is None
+
+
+@FOREIGN
+def test_a_link_to_a_folder_is_not_trusted(tmp_path, monkeypatch):
+    (tmp_path / "theirs").mkdir(mode=0o700)
+    (tmp_path / _kernel_cache.FOLDER).symlink_to(tmp_path / "theirs")
+    monkeypatch.setattr(_kernel_cache, "_bases", lambda: [tmp_path])
+    assert _kernel_cache.find_folder.__wrapped__() is None
+
+
+def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
+    code = COUNT.format(name="tspslam.topology._kernels").replace("one", "face_neighbours")
+    code = code.replace("face_neighbours(1)", "import numpy; face_neighbours(3, numpy.array([[0, 1, 2]], numpy.int32))")
+    counts = [outcome(each)[0].split() for each in [start(code, tmp_path) for _ in range(3)]]
+    assert sorted(counts) == [["0", "1"], ["1", "0"], ["1", "0"]]
+
+
+def test_helpers_compile_ahead_and_end_with_the_block(tmp_path):
+    code = (
+        "import time\n"
+        "from tspslam._threads import set_threads\n"
+        "from tspslam._kernel_cache import find_folder\n"
+        "from tspslam.run import _compiling\n"
+        "started, begin = [], _compiling.subprocess.Popen\n"
+        "def keep(*given, **options):\n"
+        "    started.append(begin(*given, **options))\n"
+        "    return started[-1]\n"
+        "_compiling.subprocess.Popen = keep\n"
+        "set_threads(2)\n"
+        "with _compiling.compiling(is_sequence=True):\n"
+        "    while not list(find_folder().glob('*.bin')) and all(each.poll() is None for each in started):\n"
+        "        time.sleep(0.05)\n"
+        "print([each.returncode for each in started], bool(list(find_folder().glob('*.bin'))))\n"
+    )
+    assert outcome(start(code, tmp_path))[0] == "[0, 0] True\n"
 
 
 def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):
@@ -51,6 +153,31 @@ def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):
         "from tspslam.topology.complex import build_complex\n"
         "print(build_complex([[0, 1, 2]], 3).euler)\n"
     )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
-    assert (done.stdout, done.returncode) == ("1\n", 0), done.stderr
+    assert outcome(start(script, tmp_path))[0] == "1\n"
+
+
+def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed(tmp_path):
+    """A kernel, or types, that a run needs anew: a line more for `LIST`, if it must be; another one to compile."""
+    write_sequence(tmp_path / "drive", corridor(1.2, SMALL_RIG))
+    fill = "from tspslam.run import _compiling as c; c._end_with_input = list; c.compile_listed(True)"
+    subprocess.run([sys.executable, "-c", fill], check=True)  # so that only what Python calls is loaded
+    code = (
+        "import json, sys\n"
+        "from tspslam.run.pipeline import run_path\n"
+        f"run_path({str(tmp_path / 'drive')!r}, {str(tmp_path / 'run')!r})\n"
+        "called = []\n"
+        "for module in [each for name, each in sys.modules.items() if name.startswith('tspslam.')]:\n"
+        "    for name, kernel in vars(module).items():\n"
+        "        if hasattr(kernel, 'overloads') and kernel.py_func.__module__ == module.__name__:\n"
+        "            called += [(module.__name__, name, len(kernel.overloads))] * bool(kernel.overloads)\n"
+        "print(json.dumps(called))\n"
+    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    called = json.loads(process.stdout)
+    expected = {
+        (module, name): count for (module, name), count in collections.Counter(row[:2] for row in listed()).items()
+    }
+    more = {f"{module} {name}": count for module, name, count in called if count > expected.get((module, name), 0)}
+    assert len(called) > 20
+    assert not more, LIST

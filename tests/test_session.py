@@ -15,7 +15,7 @@ from tspslam.run.offset_doubts import offset_doubts
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
 from tspslam.run.summary import summarize_run
-from tspslam.vision.slam.disparity_bias import DisparityBias
+from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
 from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near

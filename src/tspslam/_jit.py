@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from ._kernel_cache import KernelCache
+from ._kernel_cache import find_folder as find_folder
 
 _log = logging.getLogger("tspslam")
 _said: set[str] = set()
@@ -51,30 +52,18 @@ def prefetch(_context: Any, array: Any, _row: Any) -> Any:
 
 
 def _compile(function: Callable[..., Any], fastmath: bool | set[str]) -> Any:
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
-    try:
-        compiled = numba.njit(cache=True, **options)(function)
-        compiled._cache.save_overload = _forgiving(compiled._cache.save_overload)
-        return compiled
-    except RuntimeError:
-        if not _said:
-            _log.warning("kernels are compiled anew in each process: numba found no folder that it can write")
-            _said.add("no cache")
-        return numba.njit(**options)(function)
-
-
-def _forgiving(save: Callable[..., None]) -> Callable[..., None]:
-    """`save` that lets a full disk be: what is not kept is compiled again."""
-
-    def forgive(*arguments: Any) -> None:
-        with contextlib.suppress(OSError):
-            save(*arguments)
-
-    return forgive
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "no_cfunc_wrapper": True}
+    compiled = numba.njit(**options)(function)
+    folder = find_folder()
+    if folder is not None and hasattr(compiled, "_cache"):  # else NUMBA_DISABLE_JIT gave the function back
+        compiled._cache = KernelCache(compiled.py_func, folder, options)
+    elif folder is None and not _said:
+        _log.warning("kernels are compiled anew in each process: there is no folder of your own that can be written")
+        _said.add("no cache")
+    return compiled
 
 
 def is_cached(compiled: Any) -> bool:
-    """Whether an earlier process left a kernel of this module on disk, in whichever folder numba chose."""
-    folder = getattr(getattr(compiled, "_cache", None), "cache_path", None)
-    module = compiled.__module__.rpartition(".")[2]
-    return folder is not None and next(Path(folder).glob(f"{module}.*.nbi"), None) is not None
+    """Whether an earlier process left this kernel on disk."""
+    kept = getattr(compiled, "_cache", None)
+    return isinstance(kept, KernelCache) and kept.is_filled()

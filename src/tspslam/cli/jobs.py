@@ -73,6 +73,7 @@ def run_command(
     from .._threads import set_threads
     from ..run import config as configuration
     from ..run import pipeline
+    from ..run._compiling import compiling
     from ..run.viewing import viewing
     from ..settings import KINDS
 
@@ -96,7 +97,10 @@ def run_command(
             with until_interrupt(pairs):
                 announce_compilation(is_sequence=len(wanted) != 1)
                 chosen_frames = wanted if frames else None
-                result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
+                with compiling(is_sequence=len(wanted) != 1):
+                    result = pipeline.run(
+                        pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step
+                    )
             stack.close()  # the line of progress ends before the results
             try:
                 _say_remarks(pairs, as_json)

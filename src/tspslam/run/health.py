@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..types import Rig
 from ..view._report_parts import Finding, FrameState, State, Verdict
-from ..vision.slam.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE
+from ..vision.slam.back_end.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE
 from .offset_doubts import describe_depths
 from .summary import THIN
 

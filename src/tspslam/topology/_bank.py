@@ -63,10 +63,11 @@ def _raise_power(times, count, x, y, p, q):  # type: ignore[no-untyped-def]
 @inlined
 def _respond(centering, count, p, q, s, w):  # type: ignore[no-untyped-def]
     """Response (real, imaginary, defined) from unit vectors (p, q) at m times the angle; no direction: (0, 0)."""
+    moments = _moments(False, count, p, q, s, w)
     if centering == HARMONIC:
-        a, b, total, defined = _fit(False, count, p, q, s, w)
+        a, b, total, defined = _fit(moments)
         return 0.5 * total * a, 0.5 * total * b, defined
-    _, _, total, s1, x1, y1, xs, ys, _, _, _ = _moments(False, count, p, q, s, w)
+    _, _, total, s1, x1, y1, xs, ys, _, _, _ = moments
     defined = total > 0.0
     if centering == MEAN and defined:
         xs, ys = xs - s1 / total * x1, ys - s1 / total * y1

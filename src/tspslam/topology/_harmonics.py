@@ -73,13 +73,40 @@ def _moments(unit, count, x, y, s, w):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _fit(unit, count, x, y, s, w):  # type: ignore[no-untyped-def]
-    """Weighted least squares of ``s ≈ c + a x + b y``: a, b, Σw, and whether the design admits it.
+def _sum_signals(count, s, w):  # type: ignore[no-untyped-def]
+    """``Σ w s`` over all."""
+    total = 0.0
+    for k in range(count):
+        total += w[k] * s[k]
+    return total
+
+
+@inlined
+def _sum_units(count, x, y, s, w):  # type: ignore[no-untyped-def]
+    """``Σ w, Σ w s`` over all, then ``Σ x, y, xs, ys`` (times w), with (x, y) made unit vectors as there."""
+    total, s1, x1, y1, xs, ys = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        squared = x[k] * x[k] + y[k] * y[k]
+        far = squared > NEAREST_SQUARED
+        scale = 1.0 / np.sqrt(squared) if far else 0.0
+        wp, wq = w[k] * (x[k] * scale), w[k] * (y[k] * scale)
+        total += w[k]
+        s1 += w[k] * s[k]
+        x1 += wp
+        y1 += wq
+        xs += wp * s[k]
+        ys += wq * s[k]
+    return total, s1, x1, y1, xs, ys
+
+
+@inlined
+def _fit(moments):  # type: ignore[no-untyped-def]
+    """Weighted least squares of ``s ≈ c + a x + b y``, of `_moments`: a, b, Σw, and whether the design admits it.
 
     With the columns scaled so that x² + y² has mean 1, the smallest eigenvalue of G = AᵀWA/Σw reaches `POOREST`
     exactly if G - POOREST·I has no negative pivot.
     """
-    _, _, total, s1, x1, y1, xs, ys, xx, xy, yy = _moments(unit, count, x, y, s, w)
+    _, _, total, s1, x1, y1, xs, ys, xx, xy, yy = moments
     if not (total > 0.0 and xx + yy > 0.0):
         return 0.0, 0.0, total, False
     mean, trace = 1.0 / total, 1.0 / (xx + yy)
@@ -99,21 +126,18 @@ def _fit(unit, count, x, y, s, w):  # type: ignore[no-untyped-def]
 def _respond(order, centering, own, count, x, y, s, w):  # type: ignore[no-untyped-def]
     """Response (real, imaginary, defined) from gathered offsets (x, y), signals s, weights w; `own` is the vertex's."""
     if order == 0:
-        real, imaginary, defined = own + _moments(False, count, x, y, s, w)[1], 0.0, True
-    elif centering == PLANE:
-        real, imaginary, _, defined = _fit(False, count, x, y, s, w)
-    else:
-        if order > 1:
-            _multiply_angle(order, count, x, y)
-        if centering == HARMONIC:
-            a, b, total, defined = _fit(True, count, x, y, s, w)
-            real, imaginary = 0.5 * total * a, 0.5 * total * b
-        else:
-            total, s1, _, _, x1, y1, real, imaginary, _, _, _ = _moments(True, count, x, y, s, w)
-            defined = total > 0.0
-            if centering == MEAN and defined:
-                real, imaginary = real - s1 / total * x1, imaginary - s1 / total * y1
-    return real, imaginary, defined
+        return own + _sum_signals(count, s, w), 0.0, True
+    on_circle = centering != PLANE
+    if on_circle and order > 1:
+        _multiply_angle(order, count, x, y)
+    if centering >= HARMONIC:  # or PLANE; one call, as each copy of the loop takes time to compile
+        a, b, total, defined = _fit(_moments(on_circle, count, x, y, s, w))
+        scale = 0.5 * total if on_circle else 1.0
+        return scale * a, scale * b, defined
+    total, s1, x1, y1, real, imaginary = _sum_units(count, x, y, s, w)
+    if centering == MEAN and total > 0.0:
+        real, imaginary = real - s1 / total * x1, imaginary - s1 / total * y1
+    return real, imaginary, total > 0.0
 
 
 @inlined
@@ -163,7 +187,7 @@ def filter_one_ring(visit, is_far, start, rows, elements, order, centering, z, d
         if elements[i, 3] == 0.0:
             continue
         shift = 0.0 if centering == NONE else own
-        count = 0
+        count = np.int64(0)  # no literal, which would be a type of its own
         for p in range(start[i], start[i + 1]):
             _append(elements, rows[p], 1.0, u, v, shift, count, x, y, s, w)
             count += 1
@@ -187,7 +211,7 @@ def filter_rings(vertex_rows, face_rows, boundary, elements, order, centering, g
         if elements[i, 3] == 0.0:
             continue
         shift = 0.0 if centering == NONE else own
-        count, head, tail = 0, 0, 1
+        count, head, tail = np.int64(0), 0, 1
         queue[0], hops[0], seen[i] = i, 0, i
         while head < tail and hops[head] + 1 < g.shape[0]:
             at, d = queue[head], hops[head] + 1

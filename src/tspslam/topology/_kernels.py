@@ -6,6 +6,8 @@ import numpy as np
 
 from .._jit import inlined, kernel
 
+_SHORT = 32  # entries that are sorted by insertion
+
 
 @kernel
 def sort_faces(faces, n, out):  # type: ignore[no-untyped-def]
@@ -30,14 +32,37 @@ def _insert_sorted(keys, slots, start, stop):  # type: ignore[no-untyped-def]
         keys[q + 1], slots[q + 1] = key, slot
 
 
+@kernel
+def _merge_sorted(keys, slots, start, stop):  # type: ignore[no-untyped-def]
+    """Sort a large bucket, equal keys in their order: short runs, then pairs of runs.
+
+    As NumPy's stable argsort does, which numba compiles for seconds.
+    """
+    for first in range(start, stop, _SHORT):
+        _insert_sorted(keys, slots, first, min(first + _SHORT, stop))
+    held_keys, held_slots = keys[start:stop].copy(), slots[start:stop].copy()
+    run = _SHORT
+    while run < stop - start:
+        for first in range(start, stop, 2 * run):
+            p, middle, q, last = first, min(first + run, stop), min(first + run, stop), min(first + 2 * run, stop)
+            for r in range(first, last):
+                if p < middle and (q >= last or keys[p] <= keys[q]):
+                    held_keys[r - start], held_slots[r - start] = keys[p], slots[p]
+                    p += 1
+                else:
+                    held_keys[r - start], held_slots[r - start] = keys[q], slots[q]
+                    q += 1
+        for r in range(start, stop):
+            keys[r], slots[r] = held_keys[r - start], held_slots[r - start]
+        run *= 2
+
+
 @inlined
 def _sort_bucket(keys, slots, start, stop):  # type: ignore[no-untyped-def]
-    if stop - start <= 32:
+    if stop - start <= _SHORT:
         _insert_sorted(keys, slots, start, stop)
-        return
-    order = np.argsort(keys[start:stop], kind="mergesort")
-    keys[start:stop] = keys[start:stop][order]
-    slots[start:stop] = slots[start:stop][order]
+    else:
+        _merge_sorted(keys, slots, start, stop)
 
 
 @kernel
@@ -185,7 +210,9 @@ def edge_neighbours(n, edges, faces, face_edges):  # type: ignore[no-untyped-def
 @kernel
 def join_rows(vertices, edges, faces, first):  # type: ignore[no-untyped-def]
     """Concatenate three CSR patterns row by row, each level's indices counted from its own first."""
-    start = vertices[0] + edges[0] + faces[0]
+    start = np.empty(vertices[0].shape[0], np.int32)
+    for i in range(start.shape[0]):
+        start[i] = vertices[0][i] + edges[0][i] + faces[0][i]
     rows = np.empty(start[-1], np.int32)
     stop = 0
     for i in range(start.shape[0] - 1):

@@ -205,13 +205,14 @@ def _scan(table, x0, y0, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
     top, bottom = -(-y0 // SUBPIXEL), y2 // SUBPIXEL
     middle = y1 // SUBPIXEL if y1 > y0 else top - 1  # the last row that meets `upper`
     middle_on_left = (x1 - x0) * (y2 - y0) < (x2 - x0) * (y1 - y0)
-    if middle_on_left:
-        a = _sum_rows(table, top, middle, upper, long)
-        b = _sum_rows(table, middle + 1, bottom, lower, long)
-    else:
-        a = _sum_rows(table, top, middle, long, upper)
-        b = _sum_rows(table, middle + 1, bottom, long, lower)
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+    total, sum_u, sum_v, count = 0.0, 0, 0, 0
+    low, high, short = top, middle, upper
+    for _ in range(2):  # the rows of `upper`, then of `lower`: each copy of the loop takes time to compile
+        left, right = (short, long) if middle_on_left else (long, short)
+        part = _sum_rows(table, low, high, left, right)
+        total, sum_u, sum_v, count = total + part[0], sum_u + part[1], sum_v + part[2], count + part[3]
+        low, high, short = middle + 1, bottom, lower
+    return total, sum_u, sum_v, count
 
 
 @inlined

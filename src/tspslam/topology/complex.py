@@ -164,7 +164,8 @@ class Complex(Brief):
         from . import _kernels
 
         first = (0, self.n, self.n + len(self.edges))
-        return Rows(*_kernels.join_rows(self.vertex_rows, self.edge_rows, self.face_rows, first))
+        rows = tuple(self.vertex_rows), tuple(self.edge_rows), tuple(self.face_rows)  # of one type with those of others
+        return Rows(*_kernels.join_rows(*rows, first))
 
     def neighbours(self) -> Neighbours:
         """Unsigned one-ring neighbourhoods of eqs (14)-(16).

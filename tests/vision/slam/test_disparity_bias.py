@@ -8,8 +8,8 @@ import pytest
 from tspslam import Rig
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.calibration_health import measure_health, settle_offset
-from tspslam.vision.slam.disparity_bias import DisparityBias
+from tspslam.vision.slam.back_end.calibration_health import measure_health, settle_offset
+from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
 from tspslam.vision.slam.keyframes.keyframe import Keyframe
 from tspslam.vision.slam.keyframes.map import Map
 from tspslam.vision.slam.least_squares.bundle import Observations, adjust
@@ -101,7 +101,7 @@ def test_the_deviation_of_the_offset_is_honest(per_point):
     ("offset", "said", "size"),
     [
         (lambda d, uv, k: float(k >= 9), "the last and first third of the path", 1.0),
-        (lambda d, uv, k: -2.0 * (d < 10), "far and near points", -2.0),
+        (lambda d, uv, k: -1.5 * (d < 8), "far and near points", -1.5),
         (lambda d, uv, k: 1.5 * (uv[:, 0] > 300), "the right and left of the image", 1.5),
     ],
 )
@@ -150,7 +150,7 @@ def test_one_keyframe_tells_nothing():
 def test_long_paths_are_looked_at_piece_by_piece(monkeypatch):
     made = walk(6, frames=16, offset=0.4)
     whole = health_of(made).offset
-    monkeypatch.setattr("tspslam.vision.slam.calibration_health._PIECE", 8)
+    monkeypatch.setattr("tspslam.vision.slam.back_end.calibration_health._PIECE", 8)
     pieces = health_of(made).offset
     assert pieces.value == pytest.approx(whole.value, abs=3 * pieces.std)
     assert whole.std < pieces.std < 3 * whole.std

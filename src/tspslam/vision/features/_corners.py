@@ -137,11 +137,16 @@ def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, hei
             cell = int(v / side) * columns + int(u / side)
             turn[k] = given[cell]
             given[cell] += 1
-    start = np.zeros(given.max() + 2, np.int64)
+    turns = 0
+    for cell in range(len(given)):
+        turns = max(turns, given[cell])
+    start = np.zeros(turns + 2, np.int64)  # plain loops: NumPy's functions compile for a second
     for k in range(len(order)):
-        start[turn[k] + 1] += turn[k] >= 0
-    start = np.cumsum(start)
-    chosen = np.empty(start[-1], np.int64)
+        if turn[k] >= 0:
+            start[turn[k] + 1] += 1
+    for k in range(turns + 1):
+        start[k + 1] += start[k]
+    chosen = np.empty(start[turns + 1], np.int64)
     for k in range(len(order)):
         if turn[k] >= 0:
             chosen[start[turn[k]]] = order[k]

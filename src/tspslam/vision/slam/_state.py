@@ -28,7 +28,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "links": ("<i8", ("t",)),
     "linked": ("<f8", ("t", 6, 6)),
     "poses": ("<f8", (2, 4, 4)),
-    "counts": ("<i8", (4,)),
+    "counts": ("<i8", (5,)),
     "closures": ("<i8", ("c", 2)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
@@ -204,8 +204,10 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
     links = state["links"]
     if (links < 0).any() or (links[1:] >= np.arange(1, count)).any() or links[:1].any():
         yield "a frame was located against one that is not before it"
-    wanted, lost, unsolved, asked = state["counts"].tolist()
-    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
+    wanted, lost, unsolved, asked, unplaced = state["counts"].tolist()
+    if not (
+        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1 and 0 <= unplaced <= lost
+    ):
         yield "a count is negative or too large"
     if max(lost, unsolved, len(state["closures"])) > count:
         yield "more was lost or closed than there are frames"

@@ -16,10 +16,10 @@ from ..images import PreparedPair, Pyramid
 from ..se3 import inverse, normalised
 from ..stereo.reconstruct import Stereo
 from .back_end.adjustment_problem import collect_problem
+from .back_end.disparity_bias import DisparityBias
 from .back_end.jobs import AdjustmentJob, ClosedLoop, collect_job, copy_map, solve_loop
 from .back_end.loop_correction import note_loop, prepare
 from .back_end.sweeping import sweep_map
-from .disparity_bias import DisparityBias
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment

@@ -1,8 +1,8 @@
-"""Where a frame was taken: near a motion that goes on, or, where nothing says how the camera moved, by descriptors first."""
+"""Where a frame was taken: near a motion that goes on, or, where none is known, by descriptors first."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,8 +74,8 @@ class Locator:
         chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
         return chosen or self._choose(list(self._recognise(image, *described)))
 
-    def find(self, image: PreparedImage, guess: FloatArray) -> PoseEstimate | None:
-        """Find a pose wherever it is: by descriptors of the last keyframes, then near a guess, then in the whole map.
+    def find(self, image: PreparedImage, guesses: Sequence[FloatArray]) -> PoseEstimate | None:
+        """Find a pose wherever it is: by descriptors of the last keyframes, then near guesses, then in the whole map.
 
         Each is tried by patches; the next one where the poses so far are not clear. A second motion that descriptors
         show is always tried: the first may be that of something large that moves.
@@ -84,8 +84,8 @@ class Locator:
         ----------
         image : PreparedImage
             The left image.
-        guess : (4, 4) float64
-            A pose that the camera may have.
+        guesses : sequence of (4, 4) float64
+            Poses that the camera may have.
 
         Returns
         -------
@@ -94,7 +94,7 @@ class Locator:
         """
         found: list[PoseEstimate] = []
         best = None
-        for estimates in self._attempts(image, guess, self._describe(image)):
+        for estimates in self._attempts(image, guesses, self._describe(image)):
             found += estimates
             best = self._choose(found)
             if best is not None and best.share >= self.settings.clear_share:
@@ -105,14 +105,29 @@ class Locator:
         return choose_widest(self.map_.rig, found, self.map_.xyz, self.settings)
 
     def _attempts(
-        self, image: PreparedImage, guess: FloatArray, described: tuple[FloatArray, Descriptors]
+        self, image: PreparedImage, guesses: Sequence[FloatArray], described: tuple[FloatArray, Descriptors]
     ) -> Iterator[list[PoseEstimate]]:
         """Poses found in one way after another."""
         yield list(self._recognise(image, *described))
-        tracked = self._track(image, guess)
-        yield [] if tracked is None else [tracked]
+        for guess in guesses:
+            tracked = self._track(image, guess)
+            yield [] if tracked is None else [tracked]
         relocalized = self.places.relocalize(image.pyramid, *described)
         yield [] if relocalized is None else [relocalized]
+
+    def is_dark(self, image: PreparedImage) -> bool:
+        """Whether an image shows too little to say where it was taken.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+
+        Returns
+        -------
+        bool
+        """
+        return len(detect_usable(image, self.detect).uv) < self.settings.min_matches
 
     def _describe(self, image: PreparedImage) -> tuple[FloatArray, Descriptors]:
         features = detect_usable(image, self.detect)

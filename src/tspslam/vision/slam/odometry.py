@@ -20,7 +20,7 @@ from ..images import PreparedPair, grey_levels, prepare
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
-from .calibration_health import settle_offset
+from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
@@ -44,7 +44,8 @@ class Tracking(Checked, what="tracking"):
     keyframe_share : float
         Share of the last keyframe's landmarks; a frame that tracks fewer becomes a keyframe.
     patience : int
-        Frames lost in a row after which the map begins anew, at the pose that a constant velocity predicts.
+        Frames lost in a row, but for those that show nothing, after which the map begins anew, at the pose that a
+        constant velocity predicts.
     sigma_disparity : float
         Standard deviation of a disparity, where the pair does not tell it.
     sigma_offset : float
@@ -179,10 +180,10 @@ class StereoOdometry:
     def covariance_from_start(self, frame: int) -> FloatArray:
         """Find the covariance of the pose of a frame against the first frame's.
 
-        It adds up, from keyframe to keyframe, how well each was located against the one before: errors of one step turn
-        and lever all that follows. Taken as independent: the steps, which share landmarks (that makes the sum too small
-        where the same few landmarks hold for long), and the offset of the disparities, which is one and the same
-        (likewise). Left out: that adjustments and loops bring in more than the step's own sights (that makes it too large).
+        It adds up, from keyframe to keyframe, how well each was located against the one before: errors of one step
+        turn and lever all that follows. Steps count as independent, though they share landmarks and the offset of
+        the disparities: that makes the sum too small. Adjustments and loops bring in more than a step's own sights;
+        that is left out, and makes it too large.
 
         Parameters
         ----------
@@ -242,7 +243,7 @@ class StereoOdometry:
             watch.lap("wait")
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
-            path.advance(predicted, estimate)
+            path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
         link = self._link(images, estimate)
         watch.lap("follow")
         stereo = self._add_keyframe(images, estimate, watch) if self._wants_keyframe(estimate) else None
@@ -261,8 +262,11 @@ class StereoOdometry:
         """Pose of the left image, refined by disparities, with its covariance against a keyframe."""
         map_, settings, path = self.map, self.tracking.pose, self.path
         is_steady = path.is_motion_known and not path.is_gap(images.stamp)
-        locate = self._locator.follow if is_steady else self._locator.find
-        estimate = locate(images.left_image, predicted)
+        if is_steady:
+            estimate = self._locator.follow(images.left_image, predicted)
+        else:
+            last = path.last_found(map_)
+            estimate = self._locator.find(images.left_image, [predicted, last, last @ path.motion])
         if estimate is None:
             return None
         disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
@@ -283,7 +287,7 @@ class StereoOdometry:
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
-            return not self.map.keyframes or self.path.lost >= self.tracking.patience
+            return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
         return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
 
     def _add_keyframe(self, images: PreparedPair, estimate: PoseEstimate | None, watch: Stopwatch) -> Stereo | None:
@@ -349,7 +353,7 @@ class StereoOdometry:
             As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
-        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting
+        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting, path.unplaced
         state = map_state(self.map) | {
             "stamps": path.stamps,
             "anchors": path.anchors,
@@ -362,7 +366,8 @@ class StereoOdometry:
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
-        return {name: values.copy() for name, values in state.items()}  # the map goes on
+        # the map goes on: what was not made for this is copied
+        return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a state.
@@ -388,7 +393,7 @@ class StereoOdometry:
         linked = np.where(np.isnan(state["linked"]), np.inf, state["linked"])
         path.links = list(zip(state["links"].tolist(), linked, strict=True))
         path.pose, path.motion = state["poses"]
-        mapper.expected, path.lost, mapper.unsolved, was_adjusting = state["counts"].tolist()
+        mapper.expected, path.lost, mapper.unsolved, was_adjusting, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))

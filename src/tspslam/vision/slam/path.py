@@ -28,6 +28,8 @@ class CameraPath:
         Of the last frame.
     lost : int
         Frames lost in a row.
+    unplaced : int
+        The same without those that showed nothing.
     was_lost : bool
         Whether the frame before the last one was.
     """
@@ -38,7 +40,7 @@ class CameraPath:
         self._held: dict[int, list[int]] = {}  # frames by the number of the keyframe that holds them
         self.links: list[tuple[int, FloatArray]] = []  # frame that it was located against, covariance against it
         self.pose, self.motion = np.eye(4), np.eye(4)
-        self.lost, self.was_lost = 0, False
+        self.lost, self.unplaced, self.was_lost = 0, 0, False
 
     @property
     def stamps(self) -> FloatArray:
@@ -113,7 +115,24 @@ class CameraPath:
         share = (stamp - last) / (last - before) if last > before else 1.0
         return normalised(self.pose @ repeated(self.motion, min(share, _LONGEST)))
 
-    def advance(self, predicted: FloatArray, estimate: PoseEstimate | None) -> None:
+    def last_found(self, map_: Map) -> FloatArray:
+        """Tell where the camera was when it was last found.
+
+        Parameters
+        ----------
+        map_ : Map
+            Its keyframes.
+
+        Returns
+        -------
+        (4, 4) float64
+        """
+        last = max(0, len(self) - 1 - self.lost)
+        index, T = self.anchors[last], self.anchored[last]
+        pose: FloatArray = next(frame.T_world_camera for frame in reversed(map_.keyframes) if frame.index == index) @ T
+        return pose
+
+    def advance(self, predicted: FloatArray, estimate: PoseEstimate | None, is_dark: bool = False) -> None:
         """Go to a frame's pose, or to the predicted one where it is lost.
 
         Parameters
@@ -122,7 +141,10 @@ class CameraPath:
             Where a constant velocity has it.
         estimate : PoseEstimate or None
             Where it was found.
+        is_dark : bool
+            Whether the frame shows nothing.
         """
+        self.unplaced = 0 if estimate is not None else self.unplaced + (not is_dark)
         self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
         pose = predicted if estimate is None else estimate.T_world_camera
         moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since

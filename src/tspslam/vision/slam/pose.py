@@ -16,7 +16,7 @@ from ..stereo.reconstruct import Stereo
 from .least_squares.bundle import lens_of, minimise
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
-_SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
+_SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters are outliers
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 

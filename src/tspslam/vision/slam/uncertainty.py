@@ -1,4 +1,4 @@
-"""How well a pose is known: beside the noise of the image, what the landmarks' depths and the calibration leave open."""
+"""How well a pose is known: beside the noise of the image, what depths and the calibration leave open."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .pose import PoseEstimate
 
 _HUBER = 2.5  # standard deviations, as in `fit_pose`
 _LEAST_VARIANCE = 0.25  # of what the settings say: patches are found to half of 0.3 px at best, in a still room
-_COMMON = 0.02  # px that all disparities are off alike, whatever is known of the offset: corridors whose offset is 0 give that
+_COMMON = 0.02  # px that all disparities are off alike, whatever is known: what corridors without an offset give
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,17 @@ class Sources:
 def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: Sources) -> FloatArray:
     """Find the covariance of a pose against the keyframe that measured its landmarks.
 
-    With C the inverse of the normal equations, which take landmarks as known, and a = Jᵀ W ∂r/∂d of each landmark, whose
-    disparity d in the keyframe has the variance σ² / views::
+    With C the inverse of the normal equations, which take landmarks as known, and a = Jᵀ W ∂r/∂d of each landmark,
+    whose disparity d in the keyframe has the variance σ² / views::
 
-        s² / q · (C + C (Σ a aᵀ σ² / views) C)  +  σ_o² · g gᵀ  +  h hᵀ,    g = C Σ (a + Jᵀ W e_d),    h = C Σ Jᵀ W p
+        s² / q · (C + C (Σ a aᵀ σ² / views) C)  +  σ_o² · g gᵀ  +  h hᵀ
+        g = C Σ (a + Jᵀ W e_d),    h = C Σ Jᵀ W p
 
-    s² is the robust variance of the residuals, in those that the settings say, 0.25 at least; q the share of the landmarks
-    found that agree: an observation counts for what it is likely to be right. σ_o is the standard deviation of the offset
-    that all disparities have in common, now and in the keyframe, with 0.02 px that hold for any matcher. h is how far the
-    keyframe's own sights p would move it: an adjustment moves it, but not the landmarks that it alone has seen.
+    s² is the robust variance of the residuals, in those that σ and the depths let expect, 0.25 at least; q the share
+    of the landmarks found that agree: an observation counts for what it is likely to be right. σ_o is the standard
+    deviation of the offset that all disparities have in common, now and in the keyframe, with 0.02 px that hold for
+    any matcher. h is how far the keyframe's own sights p would move it: an adjustment moves it, but not the landmarks
+    that it alone has seen.
 
     Parameters
     ----------
@@ -78,11 +80,13 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     weight[np.isnan(estimate.disparity), 2] = 0
     square = (residual**2 * weight).sum(axis=1)
     robust = np.minimum(1, _HUBER / np.sqrt(np.maximum(square, 1e-12)))
-    freedom = max(1, np.count_nonzero(weight) - 6)
-    variance = max(_LEAST_VARIANCE, float((robust * square).sum() / freedom)) / estimate.agreement
+    shift = _depth_shift(rig, estimate, points, across, sources.T_world_keyframe)
+    depth = sources.sigma_disparity / np.sqrt(sources.views)
+    expected = np.count_nonzero(weight) - 6 + float(((shift * depth[:, None]) ** 2 * weight).sum())
+    variance = max(_LEAST_VARIANCE, float((robust * square).sum()) / max(1.0, expected)) / estimate.agreement
     weight *= robust[:, None]
-    moved = np.einsum("nki,nk->ni", J, weight * _depth_shift(rig, estimate, points, across, sources.T_world_keyframe))
-    own = moved * (sources.sigma_disparity / np.sqrt(sources.views))[:, None]
+    moved = np.einsum("nki,nk->ni", J, weight * shift)
+    own = moved * depth[:, None]
     common = C @ (moved.sum(axis=0) + weight[:, 2] @ J[:, 2])
     pulled = C @ np.einsum("nki,nk->i", J, weight * sources.pull)
     spread: FloatArray = variance * (C + C @ (own.T @ own) @ C)
@@ -111,7 +115,7 @@ def _linearise(rig: Rig, estimate: PoseEstimate, points: FloatArray) -> tuple[Fl
 def _depth_shift(
     rig: Rig, estimate: PoseEstimate, points: FloatArray, across: FloatArray, T_world_keyframe: FloatArray
 ) -> FloatArray:
-    """How (u, v, disparity) change, px per px, with the disparities that a keyframe measured: along its rays, (K, 3)."""
+    """How (u, v, disparity) change with the disparities that a keyframe measured, px per px, (K, 3)."""
     ray = points - T_world_keyframe[:3, 3]
     away = np.maximum(ray @ T_world_keyframe[:3, 2], rig.baseline)  # what lies behind that camera was seen by another
     ray = ray * (away / (rig.fx * rig.baseline))[:, None]

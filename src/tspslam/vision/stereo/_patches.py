@@ -36,7 +36,10 @@ def support_weights(image: Float32, x: int, y: int, radius: int, contrast: float
             w = np.float32(1) / ((np.float32(1) + difference * difference) * (np.float32(1) + away))
             weight[dy + radius, dx + radius] = w
             total += w
-    weight[: 2 * radius + 1, : 2 * radius + 1] *= np.float32(1) / total
+    scale = np.float32(1) / total
+    for row in range(2 * radius + 1):
+        for column in range(2 * radius + 1):
+            weight[row, column] *= scale
 
 
 @reassociated_kernel

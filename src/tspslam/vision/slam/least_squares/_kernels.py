@@ -227,7 +227,7 @@ def points_step(
     rest = np.empty(3)
     has_offset = x.shape[0] % 6 == 1
     for m in range(step.shape[0]):
-        rest[:] = g[m]
+        rest[0], rest[1], rest[2] = g[m, 0], g[m, 1], g[m, 2]
         if has_offset:
             for j in range(3):
                 rest[j] -= U[m, j] * x[-1]

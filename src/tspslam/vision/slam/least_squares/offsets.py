@@ -13,7 +13,7 @@ from ...se3 import inverse
 from .bundle import Observations, lens_of
 
 _HUBER = 2.5  # standard deviations beyond which an observation counts less, as in `adjust`
-_TINY = 1e-9  # information added, 1/px², so that what nothing tells is very uncertain
+_WEAK = 0.01  # information added, 1/px²: 0 ± 10 px, for what nothing tells
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class Solution:
     def __init__(self, pieces: Sequence[PieceEquations], basis: FloatArray) -> None:
         self._pieces, self._basis = pieces, basis
         normal = basis.T @ np.sum([piece.normal for piece in pieces], axis=0) @ basis
-        self._covariance = np.linalg.inv(normal + _TINY * np.eye(basis.shape[1]))
+        self._covariance = np.linalg.inv(normal + _WEAK * np.eye(basis.shape[1]))
         self._step = self._covariance @ basis.T @ np.sum([piece.right for piece in pieces], axis=0)
 
     def combine(self, weights: Sequence[float]) -> Estimate:

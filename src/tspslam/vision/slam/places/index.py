@@ -234,7 +234,20 @@ class _Places:
 
 
 def grown(array: Any, least: int) -> Any:
-    """An array of at least so many rows: itself, or a copy half as long again."""
+    """Make an array long enough: itself, or a copy half as long again, zeros at its end.
+
+    Parameters
+    ----------
+    array : (N, ...) of any kind
+        What is there.
+    least : int
+        Rows wanted.
+
+    Returns
+    -------
+    Any
+        At least `least` rows.
+    """
     if len(array) >= least:
         return array
     larger = np.zeros((max(least, len(array) * 3 // 2, _SMALLEST), *array.shape[1:]), array.dtype)

@@ -281,7 +281,7 @@ class PlaceRecognition:
         """
         loops, T = self.loops, estimate.T_world_camera
         poses, slack = self._older(estimate)
-        start, depth = _last_start(self.map_), self._depth(estimate)
+        start, depth = self.index.last_start, self._depth(estimate)
         away: FloatArray = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
         looks_alike = poses[:, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
         near = np.isfinite(slack) & (away <= loops.max_distance * depth + slack) & looks_alike
@@ -331,7 +331,7 @@ class PlaceRecognition:
         count = max(0, len(poses) - self.map_.window)
         steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
         slack = loops.drift_slack * self._depth(estimate) + loops.drift_rate * np.cumsum(steps[::-1])[::-1][:count]
-        slack[: _last_start(self.map_)] = np.inf
+        slack[: self.index.last_start] = np.inf
         return poses[:count], slack
 
     def _depth(self, estimate: PoseEstimate) -> float:
@@ -430,11 +430,6 @@ def _apart(places: Sequence[int], known: Sequence[int]) -> Iterator[int]:
         if not taken & {place - 1, place, place + 1}:
             taken.add(place)
             yield place
-
-
-def _last_start(map_: Map) -> int:
-    """Keyframe with which the map last began anew and that is not yet joined to the earlier ones; else 0."""
-    return max((k for k, frame in enumerate(map_.keyframes) if frame.is_start), default=0)
 
 
 def _distance(one: PoseEstimate, other: PoseEstimate) -> float:

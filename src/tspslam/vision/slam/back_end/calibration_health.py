@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...errors import GeometryError
-from ...types import FloatArray, Rig
-from ..se3 import inverse
+from ....errors import GeometryError
+from ....types import FloatArray, Rig
+from ...se3 import inverse
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..least_squares.bundle import Observations
+from ..least_squares.offsets import Estimate, PieceEquations, Solution
 from .disparity_bias import CalibrationHealth, DisparityBias
-from .keyframes.keyframe import Keyframe
-from .keyframes.map import Map
-from .least_squares.bundle import Observations
-from .least_squares.offsets import Estimate, PieceEquations, Solution
 
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
@@ -167,9 +167,10 @@ def _columns(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observ
         np.einsum("oij,oj->oi", T_camera_world[seen.pose, :3, :3], xyz[seen.point]) + T_camera_world[seen.pose, :3, 3]
     )
     columns, known = np.zeros((len(points), 3, 5)), np.flatnonzero(np.isfinite(seen.disparity))
-    group = 2 * (seen.disparity[known] >= middle) + (seen.uv[known, 0] >= rig.width / 2)
-    columns[known, 2, group] = 1
     depth = np.maximum(points[:, 2], _LEAST_DEPTH)
+    expected = rig.fx * rig.baseline / depth - rig.doffs  # as measured ones would choose their group by their errors
+    group = 2 * (expected >= middle) + (seen.uv[:, 0] >= rig.width / 2)
+    columns[known, 2, group[known]] = 1
     columns[:, 0, 4] = (rig.fx * points[:, 0] + rig.skew * points[:, 1]) / depth
     columns[:, 1, 4] = rig.fy * points[:, 1] / depth
     columns[known, 2, 4] = rig.fx * rig.baseline / depth[known]

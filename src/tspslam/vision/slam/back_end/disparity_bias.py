@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..._brief import Brief
-from ...types import Rig
-from .least_squares.offsets import Estimate
+from ...._brief import Brief
+from ....types import Rig
+from ..least_squares.offsets import Estimate
 
 LARGE_OFFSET = 0.5  # px: recordings calibrated with care have up to 0.4 (KITTI 05)
 LARGE_FOCAL = 0.05  # of the focal length: KITTI 05, which turns, has 0.022 and a path that is right to 0.04 m
