@@ -417,8 +417,7 @@ class Map:
         """
         own = self.keyframes[place]
         new = ~np.isin(again.landmark, own.landmark)
-        columns = {name: np.concatenate([getattr(own, name), getattr(again, name)[new]]) for name in _NOTHING}
-        self._change(place, **columns)
+        self._change(place, **{n: np.concatenate([getattr(own, n), getattr(again, n)[new]]) for n in _NOTHING})
         self._sightings.add(again.landmark[new], own.index)
 
     def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
