@@ -201,17 +201,24 @@ def _largest(health: CalibrationHealth) -> float:
     return max((each.value for _, each in health.unexplained), key=abs)
 
 
-def rows_doubts(offsets: Sequence[float]) -> Iterator[Warning_]:
-    """What is to be doubted of the rows of both images: an offset, or one that drifts.
-
-    Yields: as `offset_doubts`.
+def rows_doubts(offsets: Sequence[float], lone_std: float = np.inf) -> Iterator[Warning_]:
+    """Doubt the rows of both images: an offset, or one that drifts.
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         Row differences of the stored frames, px.
+    lone_std : float
+        Standard deviation of that of a single frame, px; several tell it by their scatter.
+
+    Yields
+    ------
+    dict of str to str
+        As `offset_doubts`.
     """
     whole, thirds = rows_offset(offsets), thirds_of(offsets)
+    if whole is None and len(offsets):
+        whole = Estimate(float(offsets[0]), lone_std)
     first, last = thirds[0], thirds[-1]
     drift = None if first is None or last is None else last.less(first)
     if drift is not None and drift.exceeds(LARGE_OFFSET, SURE):

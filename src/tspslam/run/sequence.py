@@ -348,7 +348,7 @@ class SequenceRun:
         path = self.folder.path / STATE_NAME
         if STATE_NAME in self.folder.units:
             _, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
-            write_bytes(path, pack(_MADE_BY, self.rows, state))
+            write_checkpoint(path, _MADE_BY, self.rows, state)
             self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:

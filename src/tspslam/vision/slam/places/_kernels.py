@@ -40,7 +40,7 @@ def make_keys(descriptors: Words, bits: Int64, keys: UInt32) -> None:
 
 
 @inlined
-def differing_bits(a: Words, b: Words) -> int:
+def differing_bits(a: Words, b: Words) -> np.int64:
     """Count the bits in which two descriptors differ."""
     total = np.uint64(0)
     for k in range(a.shape[0]):
@@ -150,7 +150,7 @@ def add_views(word: Int64, slot: int, place: Int64, head: Int32, view: Int32, af
 def drop_views(word: Int64, slot: int, head: Int32, view: Int32, after: Int32, place: Int64) -> None:
     """Forget that a keyframe shows words (N,); says which places of the views (N,) are free then."""
     for i in range(word.shape[0]):
-        before, k = -1, np.int64(head[word[i]])
+        before, k = np.int64(-1), np.int64(head[word[i]])
         while view[k] != slot:
             before, k = k, np.int64(after[k])
         if before < 0:
