@@ -7,7 +7,7 @@ import platform
 import sys
 from pathlib import Path
 
-from . import front_end, quality, spectral, topology
+from . import front_end, lidar, quality, spectral, topology
 from .measure import process_seconds
 
 BASELINE = Path(__file__).with_name("baseline.json")
@@ -40,6 +40,7 @@ FIGURES = {
     "depth cuts, per cent": front_end.cut_figures,
     "crust, 20 000 points": front_end.crust_figures,
     "depth buffer, 1 000 000 points": front_end.lidar_figures,
+    "scans, 120 000 points": lidar.scan_figures,
     **spectral.FIGURES,
     "start-up": start_up,
 }

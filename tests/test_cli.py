@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tspslam import cli, read_calibration, rectification
+from tspslam import build_complex, cli, merge_cells, merge_signals, read_calibration, rectification, tmahf
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
 from tspslam.run.config import resolve
 from tspslam.settings import KINDS, PRESETS
@@ -67,6 +67,46 @@ def test_a_pair_fills_the_run_folder(capsys, pair_files):
     mesh = read_vtu(folder / "map.vtu")
     assert len(mesh.faces) == result["complex"]["faces"]
     assert np.array_equal(np.unique(mesh.cell_data["dim"]), [1, 2])
+
+
+def test_a_pair_reads_its_calibration_once(monkeypatch, pair_files):
+    from tspslam.cli._sources import Given, open_source
+    from tspslam.vision.calibration import formats
+
+    opened, read_text = [], formats.read_text
+    monkeypatch.setattr(formats, "read_text", lambda path, *rest: opened.append(path) or read_text(path, *rest))
+    pairs = open_source(Given([pair_files / "left.png", pair_files / "right.png"], pair_files / "calib.yaml"))
+    assert (len(pairs), len(opened)) == (1, 1)
+
+
+@pytest.mark.parametrize("rows", [0, 1, -2])
+def test_rows_that_differ_are_warned_of(capsys, pair_files, rows):
+    right = np.roll(np.asarray(Image.open(pair_files / "right.png")), rows, axis=0)
+    Image.fromarray(right).save(pair_files / "right.png")
+    code, out, _ = run_pair(capsys, pair_files, "--json")
+    said = [each["message"] for each in json.loads(out)["warnings"] if each["code"] == "vertical_offset"]
+    assert (code, len(said)) == (0, int(rows != 0))
+    if rows:
+        found = re.match(r"rows of the right image are off by ([-+][0-9.]+) ±", said[0])
+        assert abs(float(found[1]) - rows) < 0.2
+
+
+def test_a_pair_is_searched_for_the_disparities_that_its_calibration_tells(capsys, pair_files):
+    rig = read_calibration(pair_files / "calib.yaml").cameras
+    right = f"[{rig.fx} 0 {rig.cx + rig.doffs}; 0 {rig.fy} {rig.cy}; 0 0 1]"
+    text = f"cam0=[{rig.fx} 0 {rig.cx}; 0 {rig.fy} {rig.cy}; 0 0 1]\ncam1={right}\nbaseline={1000 * rig.baseline}\n"
+    text += f"width={rig.width}\nheight={rig.height}\nvmin=12\nvmax=42\nndisp=70\n"
+    (pair_files / "calib.yaml").write_text(text)
+    code, out, err = run_pair(capsys, pair_files, "--json")
+    assert code == 0
+    assert json.loads(out)["calibration"]["disparity_range_px"] == [12, 42]
+    assert "a pair is searched for disparities from 12 to 42 px (vmin, vmax)" in err
+    disparity = read_frame(pair_files / "out/frames/000000.npz").cloud.disparity
+    assert len(disparity) > 15
+    assert 12 <= disparity.min() < disparity.max() <= 42
+    (pair_files / "calib.yaml").write_text(text.replace("vmax=42", "vmax=60"))
+    assert run_pair(capsys, pair_files)[0] == 0
+    assert read_frame(pair_files / "out/frames/000000.npz").cloud.disparity.max() > 42
 
 
 def test_the_same_command_again_keeps_every_byte_and_two_runs_agree(capsys, pair_files):
@@ -459,6 +499,8 @@ def test_bad_input_is_one_line_and_code_3(capsys, pair_files, spoil, message):
     (["run", "--detector", "surf"], "'surf', expected one of orb, sift, brisk, grid, onnx"),
     (["run", "--frames", "seven"], "'seven', expected A:B"),
     (["run", "--frames", "1:x"], "expected A:B"),
+    (["filter", "a.obj", "--image", "a.png", "--calib", "c.yaml", "--polygons", "quads"], "'quads', expected fan or cells"),
+    (["filter", "--cloud", "a.bin", "--image", "a.png", "--calib", "c.yaml", "--polygons", "cells"], "goes with a mesh"),
     (["run", "a.png", "--depth", "z.png"], "a map goes with one image, --calib"),
     (["run", "a.png", "--calib", "c.yaml", "--depth", "z.png", "--disparity", "d.png"], "either --depth or --disparity"),
     (["run", "a.png", "b.png", "--calib", "c.yaml", "--unit", "2"], "goes with depths: one folder, --depth or --disparity"),
@@ -693,6 +735,45 @@ def test_a_triangle_soup_is_degraded_and_its_merged_corners_are_the_mesh(capsys,
     assert said == [f"no edge is shared by two of the {len(faces)} faces: merge corners with --merge-corners"]
     code, record, said = filtered(capsys, pair_files, "soup", soup, corners, "--merge-corners")
     assert (code, record["complex"]["edges"], record["warnings"], said) == (0, 271, [], [])
+
+
+def quads(folder, name, rig, *, is_soup=False):
+    """A plane of 7 x 12 quads as an OBJ; of a soup each has corners of its own."""
+    points, _ = plane_mesh(folder, rig)
+    here = (np.arange(7)[:, None] * 13 + np.arange(12)).ravel()
+    faces = np.stack([here, here + 1, here + 14, here + 13], 1)
+    points = points[faces.ravel()] if is_soup else points[:104]
+    faces = np.arange(faces.size).reshape(-1, 4) if is_soup else faces
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist()] + [f"f {' '.join(map(str, f))}" for f in faces + 1]
+    (folder / name).write_text("\n".join(lines))
+    return folder / name
+
+
+def test_faces_of_four_corners_are_cells_by_choice(capsys, pair_files, small_pair):
+    words = ["--image", pair_files / "left.png", "--calib", pair_files / "calib.yaml", "--json"]
+    found = {}
+    for name, is_soup, more in (
+        ("fan", False, []),
+        ("cells", False, ["--polygons", "cells"]),
+        ("merged", True, ["--polygons", "cells", "--merge-corners"]),
+        ("soup", True, ["--polygons", "cells"]),
+    ):
+        mesh = quads(pair_files, f"{name}.obj", small_pair[2], is_soup=is_soup)
+        code, out, err = type_in(capsys, "filter", mesh, *words, *more, "--out", pair_files / name)
+        assert code == (4 if name == "soup" else 0)
+        assert "84 faces of the mesh have more than three corners: they are c" in err
+        found[name] = json.loads(out)["complex"], read_frame(pair_files / name / "frames/000000.npz")
+    assert found["fan"][0] == {"n": 104, "edges": 271, "faces": 168, "euler": 1}
+    assert found["cells"][0] == found["merged"][0] == {"n": 104, "edges": 187, "faces": 84, "euler": 1}
+    assert found["soup"][0] == {"n": 336, "edges": 336, "faces": 84, "euler": 84}
+    fan, cells, merged = (found[name][1] for name in ("fan", "cells", "merged"))
+    assert len(cells.surface.faces) == 168
+    triangles = build_complex(cells.surface.faces, 104)
+    joined = merge_cells(triangles, np.arange(168) // 2)
+    signals = merge_signals(triangles, np.arange(168) // 2, cells.signals)
+    np.testing.assert_array_equal(cells.response.z, tmahf(joined, cells.cloud.uv, signals).z)
+    assert np.abs(cells.response.z - fan.response.z).max() > 1e-3 * np.abs(fan.response.z).max()
+    np.testing.assert_allclose(np.sort(np.abs(merged.response.z)), np.sort(np.abs(cells.response.z)), atol=1e-12)
 
 
 def test_a_mesh_that_is_cut_along_a_seam_and_in_mm_is_said_to_be(capsys, pair_files, small_pair):

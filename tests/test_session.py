@@ -11,9 +11,11 @@ import tspslam
 from tspslam import GeometryError, InputError, Session, Settings, Trajectory, evaluate_trajectory
 from tspslam.io import RunFolder
 from tspslam.run.config import resolve
+from tspslam.run.offset_doubts import offset_doubts
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
-from tspslam.run.summary import _offset_doubts, summarize_run
+from tspslam.run.summary import summarize_run
+from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
 from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
@@ -163,7 +165,9 @@ def test_a_calibration_that_the_motion_contradicts_is_told(tmp_path):
     ("offset", "std", "count"), [(0.2, 0.001, 0), (-0.98, 0.007, 1), (0.6, 0.3, 0), (0.6, 0.1, 1), (-40.0, 0.1, 1)]
 )
 def test_only_a_large_and_certain_offset_is_told(offset, std, count):
-    said = [warning["message"] for warning in _offset_doubts(RIG, offset, std)]
+    bias = DisparityBias(1.0, window=1)
+    bias.settle(offset, std)
+    said = [warning["message"] for warning in offset_doubts(RIG, bias, is_fixed=False)]
     assert len(said) == count
     assert not any("nan" in line or "inf" in line for line in said)
 

@@ -59,7 +59,10 @@ class Places(NamedTuple):
 
 def rooms(kind: str, seed: int) -> Places:
     """Two passes through a world: the second half a step on, moved aside, a stop brighter."""
-    made = {"room": partial(synthetic.room, frames=2 * FRAMES), "corridor": partial(synthetic.corridor, FRAMES)}
+    made = {
+        "room": partial(synthetic.room, frames=2 * FRAMES), "corridor": partial(synthetic.corridor, FRAMES),
+        "street": partial(synthetic.street, FRAMES, step=0.5),
+    }  # fmt: skip
     scene = made[kind](seed=seed)
     first, second = scene.path[0 : 2 * FRAMES : 2], scene.path[1 : 2 * FRAMES : 2]
     path = np.concatenate([first, second @ synthetic.shapes.pose_at((ASIDE, 0, 0))])

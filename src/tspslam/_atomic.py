@@ -71,11 +71,10 @@ def atomic_write(path: PathLike) -> Iterator[BinaryIO]:
         temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
         if target.exists() and not target.is_file():
             raise OutputError(one_line(f"{path}: is not a regular file; expected one, or a free name"))
-        handle = open(temporary, "xb")  # noqa: SIM115
     except (OSError, ValueError) as error:
         raise bad_output(path, error) from error
     try:
-        with handle:
+        with _opened(temporary, path) as handle:  # an interruption may come as soon as it is there
             yield handle
             handle.flush()
             os.fsync(handle.fileno())
@@ -86,6 +85,13 @@ def atomic_write(path: PathLike) -> Iterator[BinaryIO]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _opened(temporary: Path, path: PathLike) -> BinaryIO:
+    try:
+        return open(temporary, "xb")
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
 
 
 def write_bytes(path: PathLike, data: bytes) -> None:

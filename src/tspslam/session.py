@@ -195,8 +195,9 @@ class Session:
     def _keep(self, frame: Frame) -> None:
         """Keep a keyframe, and let go of those that the map rests on no more."""
         self.keyframes[self._count] = frame
-        if isinstance(self.odometry, StereoOdometry):
-            used = {keyframe.index for keyframe in self.odometry.map.keyframes}
+        frames = self.odometry.map.keyframes if isinstance(self.odometry, StereoOdometry) else None
+        if frames is not None and len(self.keyframes) > len(frames):  # some were culled, as now and then
+            used = {keyframe.index for keyframe in frames}
             self.keyframes = {number: kept for number, kept in self.keyframes.items() if number in used}
 
     def capture(self) -> tuple[dict[int, Frame], MapSnapshot | None, Rig, Trajectory]:

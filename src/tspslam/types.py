@@ -62,6 +62,9 @@ class StereoPair(Brief):
         Standard deviation of each disparity, px; None where the matcher's own is taken.
     valid : (H, W) bool array or None
         Pixels that both cameras saw; None is all of them. Neither image is used elsewhere.
+    disparity_range : (low, high) or None
+        Smallest and largest disparity of the scene, px, where its calibration tells them: matchers that are given no
+        limits keep to these.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class StereoPair(Brief):
     unknown: tuple[float, ...] = ()
     sigma: FloatArray | None = None
     valid: BoolArray | None = None
+    disparity_range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for side in ("left", "right"):

@@ -53,6 +53,18 @@ def test_pair_from_files_is_the_same_pair(tmp_path: Path) -> None:
     assert (pair.name, pair.rig, pair.left.shape) == ("a", RIG, (10, 20))
 
 
+def test_a_pair_knows_the_range_of_disparities_that_its_calibration_tells(tmp_path: Path) -> None:
+    fill(tmp_path, ["a.png"], ["b.png"])
+    files = tmp_path / "left" / "a.png", tmp_path / "right" / "b.png"
+    matrix = "[50 0 10; 0 50 5; 0 0 1]"
+    text = f"cam0={matrix}\ncam1={matrix}\nbaseline=100\nwidth=20\nheight=10\nndisp=6\n"
+    for more, expected in (("", (0, 6)), ("vmin=2\nvmax=5\n", (2, 5))):
+        (tmp_path / "calib.txt").write_text(text + more)
+        assert pair_from_files(*files, tmp_path / "calib.txt").disparity_range == expected
+    for calib in (tmp_path / "calib.yaml", RIG):
+        assert pair_from_files(*files, calib).disparity_range is None
+
+
 def test_images_that_do_not_fit_the_calibration_are_refused(tmp_path: Path) -> None:
     fill(tmp_path, ["a.png"], ["a.png"])
     write_png(tmp_path / "right" / "a.png", np.zeros((10, 21), np.uint8))

@@ -324,6 +324,16 @@ def test_few_depths_are_said(small: Path) -> None:
     assert doubt["code"] == "depth_holes"
 
 
+def test_a_map_without_any_depth_is_said(small: Path) -> None:
+    file = sorted((small / "depth").glob("*.png"))[1]
+    Image.fromarray(np.zeros_like(np.array(Image.open(file)))).save(file)
+    sequence = RgbdSequence(small)
+    assert "depth_empty" not in {doubt["code"] for doubt in sequence.doubts()}
+    assert [bool(np.isfinite(pair.disparity).any()) for pair in sequence] == [True, False, True]
+    (doubt,) = (each for each in sequence.doubts() if each["code"] == "depth_empty")
+    assert doubt["message"].startswith("no depth is known in 1 of the maps that were read, first in that of frame 1 (")
+
+
 def test_depths_beyond_what_the_sensor_measures_are_said(small: Path) -> None:
     (doubt,) = (each for each in RgbdSequence(small, unit=0.001).doubts() if each["code"] == "depth_range")
     assert "outside of the 0.4 to 10 m that the sensor measures (median" in doubt["message"]

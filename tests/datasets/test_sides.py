@@ -121,10 +121,24 @@ def test_stamps_that_nearly_agree_are_pairs_and_it_is_said(tmp_path: Path, late:
     assert any("nearest stamps" in said for said in sequence.remarks) == ((start + late) // unit != start // unit)
 
 
-def test_stamps_too_far_apart_are_no_pairs(tmp_path: Path) -> None:
-    left = [f"left/{10**18 + k * 50_000_000}.png" for k in range(5)]
-    right = [f"right/{10**18 + 20_000_000 + k * 50_000_000}.png" for k in range(5)]
-    with pytest.raises(InputError, match="5 files in left/ and 5 in right/ have no name in common"):
+@pytest.mark.parametrize("late", [13_000_000, 20_000_000, -24_000_000])
+def test_a_side_that_is_steadily_late_by_less_than_half_a_frame_is_paired_and_it_is_said(
+    tmp_path: Path, late: int
+) -> None:
+    start, step, rng = 10**18, 50_000_000, np.random.default_rng(0)
+    left = [f"left/{start + k * step}.png" for k in range(9)]
+    right = [f"right/{start + k * step + late + int(rng.integers(-4e5, 4e5))}.png" for k in range(9) if k not in (0, 4)]
+    sequence = open_sequence(fill(tmp_path, left, right))
+    assert partners(sequence) == [(k, k - (1 if k < 4 else 2)) for k in range(9) if k not in (0, 4)]
+    assert any("over a quarter of a frame: where the camera moves" in said for said in sequence.remarks)
+
+
+@pytest.mark.parametrize("late", [[25_000_000] * 6, [20_000_000, -20_000_000] * 3, [-24_000_000, 24_000_000] * 3])
+def test_stamps_whose_partners_are_not_certain_are_no_pairs(tmp_path: Path, late: list[int]) -> None:
+    """Half a frame apart, or now before and now after: the partner may be of the next frame."""
+    left = [f"left/{10**18 + k * 50_000_000}.png" for k in range(len(late))]
+    right = [f"right/{10**18 + k * 50_000_000 + each}.png" for k, each in enumerate(late)]
+    with pytest.raises(InputError, match="6 files in left/ and 6 in right/ have no name in common"):
         open_sequence(fill(tmp_path, left, right))
 
 

@@ -195,7 +195,6 @@ OTHERS = {
     "HEIC": b"\0\0\0\x1cftypheic",
     "JPEG XL": b"\xff\x0a\xfa\x7f",
     "JPEG XL in a box": b"\0\0\0\x0cJXL \r\n\x87\n",
-    "OpenEXR": b"v/1\x01\x02\0\0\0",
     "JPEG 2000": b"\0\0\0\x0cjP  \r\n\x87\n",
     "Radiance HDR": b"#?RADIANCE\n",
     "GIF": b"GIF89a",
@@ -302,6 +301,23 @@ def test_every_flipped_bit_of_a_png_is_seen(tmp_path):
         damaged[at] ^= 1 << at % 8
         with pytest.raises(InputError):
             read_image(saved(tmp_path, bytes(damaged)))
+
+
+@pytest.mark.parametrize("compression", ["tiff_adobe_deflate", "tiff_deflate"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_every_flipped_bit_of_a_deflated_tiff_s_pixels_is_seen(tmp_path, compression, dtype):
+    values = np.arange(60 * 80, dtype=dtype).reshape(60, 80) % 251
+    buffer = io.BytesIO()
+    Image.fromarray(values).save(buffer, format="TIFF", compression=compression)
+    data = buffer.getvalue()
+    tags = Image.open(io.BytesIO(data)).tag_v2
+    np.testing.assert_array_equal(read_image(saved(tmp_path, data)), values)
+    places = [at for start, size in zip(tags[273], tags[279], strict=True) for at in range(start, start + size)]
+    for at in places[:: max(1, len(places) // 120)]:
+        broken = bytearray(data)
+        broken[at] ^= 1 << at % 8
+        with pytest.raises(InputError):
+            read_image(saved(tmp_path, bytes(broken)))
 
 
 def test_a_chunk_that_claims_more_than_the_file_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tspslam.errors import InputError, OutputError
 from tspslam.io import read_mesh, read_ply, write_ply
+from tspslam.io.ply import read_faces
 
 FUZZ = settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 XYZ = np.random.default_rng(0).normal(size=(5, 3))
@@ -264,3 +265,39 @@ def test_read_mesh_tells_ply_by_its_suffix(tmp_path):
     xyz, faces = read_mesh(tmp_path / "a.PLY")
     np.testing.assert_array_equal(xyz, XYZ)
     np.testing.assert_array_equal(faces, FACES)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("lists", ["corners", "corners and others"])
+@pytest.mark.parametrize("length", ["uchar", "ushort", "int"])
+def test_faces_of_different_lengths_are_read_with_their_scalars(tmp_path, form, lists, length):
+    rng = np.random.default_rng(4)
+    faces = [np.roll(np.arange(k), k // 2) for k in rng.integers(3, 9, 400)]
+    shades, others = rng.integers(0, 256, 400), [rng.normal(size=k).astype(np.float32) for k in rng.integers(0, 4, 400)]
+    names = f"property uchar shade\nproperty list {length} int vertex_indices\nproperty short last\n"
+    names += f"property list {length} float uv\n" if lists != "corners" else ""
+    angle = np.arange(9) * 0.7
+    points = np.stack([np.cos(angle), np.sin(angle), np.zeros(9)], axis=1)
+    head = f"ply\nformat {form} 1.0\nelement vertex 9\nproperty double x\nproperty double y\nproperty double z\n"
+    head += f"element face 400\n{names}end_header\n"
+    order = "<" if "little" in form else ">"
+    code = {"uchar": "B", "ushort": "H", "int": "i"}[length]
+    body = b"" if form == "ascii" else points.astype(f"{order}f8").tobytes()
+    lines = [" ".join(map(repr, point)) for point in points.tolist()]
+    for face, shade, other in zip(faces, shades.tolist(), others, strict=True):
+        row = [shade, len(face), *face.tolist(), -shade]
+        row_code = f"{order}B{code}{len(face)}ih"
+        if lists != "corners":
+            row += [len(other), *other.tolist()]
+            row_code += f"{code}{len(other)}f"
+        lines.append(" ".join(map(repr, row)))
+        body += b"" if form == "ascii" else struct.pack(row_code, *row)
+    data = head.encode() + ("\n".join(lines).encode() + b"\n" if form == "ascii" else body)
+    mesh, polygons = read_faces(saved(tmp_path, data))
+    assert [face.tolist() for face in polygons] == [face.tolist() for face in faces]
+    of = np.repeat(np.arange(400), [len(face) - 2 for face in faces])
+    np.testing.assert_array_equal(mesh.face["shade"], shades[of])
+    np.testing.assert_array_equal(mesh.face["last"], -shades[of])
+    for end in (len(data) // 3,) if form == "ascii" else (1, 9, len(data) // 3):
+        with pytest.raises(InputError, match=r"truncated|ends within|can hold"):
+            read_faces(saved(tmp_path, data[:-end]))

@@ -180,7 +180,8 @@ def test_the_filter_says_how_many_faces_it_cut(tmp_path):
     from tspslam.run.mesh import _triangles
 
     (tmp_path / "a.ply").write_bytes(ply(faces=([0, 1, 2, 3], [0, 1, 2], [0, 5, 1, 2, 3])))
-    assert (len(_triangles(tmp_path / "a.ply")[1]), _triangles(tmp_path / "a.ply")[2]) == (6, 2)
+    _, triangles, face_of = _triangles(tmp_path / "a.ply")
+    assert (len(triangles), face_of.tolist()) == (6, [0, 0, 1, 2, 2, 2])
     (tmp_path / "b.ply").write_bytes(ply(faces=([0, 1, 2, 0],)))
     with pytest.raises(InputError, match=r"b\.ply: .*has a vertex twice"):
         _triangles(tmp_path / "b.ply")

@@ -197,6 +197,21 @@ def test_two_poses_of_sixty_are_an_error_and_a_quarter_is_said(paths, capsys):
     assert json.loads(out)["truth_covered"] == 1
 
 
+@pytest.mark.parametrize(
+    ("known", "code"), [(4, cli.DEGRADED), (29, cli.DEGRADED), (30, cli.COMPLETE), (57, cli.COMPLETE)]
+)
+def test_a_path_that_is_mostly_unknown_is_said_and_ends_as_degraded(paths, capsys, known, code):
+    lines = (paths / "estimate.tum").read_text().splitlines()
+    kept = np.linspace(0, 59, known).astype(int)
+    lines = [line if k in kept else line.split()[0] + " nan" * 7 for k, line in enumerate(lines)]
+    (paths / "holes.tum").write_text("\n".join(lines))
+    words = ["eval", str(paths / "holes.tum"), "--truth", str(paths / "truth.tum"), "--json"]
+    assert cli.exit_code(words) == code
+    out, err = capsys.readouterr()
+    said = f"{60 - known} of 60 poses of the estimated path are NaN: the errors are those of the {known} others"
+    assert (said in err) == (code == cli.DEGRADED) == any(said in line for line in json.loads(out)["warnings"])
+
+
 def test_unknown_true_poses_are_left_out_and_counted(paths, capsys):
     lines = (paths / "truth.tum").read_text().splitlines()
     for k in (3, 4, 59):

@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tspslam import InputError
-from tspslam.run._checkpoint import pack, unpack
+from tspslam.run._checkpoint import unpack, write_checkpoint
 from tspslam.run.record import ComplexRecord, FrameRecord, SkippedPair, flatten_row
 from tspslam.vision.slam._state import SCHEMA
 
@@ -26,7 +28,10 @@ def packed(rows):
     empty = {
         name: np.zeros([n if isinstance(n, int) else 0 for n in axes], kind) for name, (kind, axes) in SCHEMA.items()
     }
-    return pack(b"me", rows, empty | {"stamps": np.array(stamps, np.float64)})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "state.npz"
+        write_checkpoint(path, b"me", rows, empty | {"stamps": np.array(stamps, np.float64)})
+        return path.read_bytes()
 
 
 def test_rows_come_back_as_they_were():

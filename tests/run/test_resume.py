@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,6 +30,8 @@ from ..sequences import SETTINGS, SMALL_RIG, corridor, write_sequence
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 KILLS = 20
 LENGTH = 16.0  # m, two frames each: over the 25 frames between checkpoints
+
+DARK = 3  # frames without light after the walk: the map begins anew, and the camera comes back to what it saw
 
 # Imports and compiles once, then forks a run for each line that it is given: a start of a run costs no seconds.
 SERVER = textwrap.dedent("""
@@ -204,3 +207,95 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(folder, whole, tmp_path
     monkeypatch.undo()
     run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
     assert content(tmp_path / "run") == content(whole)
+
+
+def test_a_checkpoint_that_finds_no_room_ends_the_run_and_room_lets_it_go_on(folder, whole, tmp_path):
+    """Files may become as large as a frame, but not as a checkpoint: writing fails in the middle of one."""
+    frames = max(path.stat().st_size for path in (whole / "frames").iterdir())
+    most = (frames + (whole / STATE_NAME).stat().st_size) // 2
+    assert frames < 0.9 * most
+    child = os.fork()
+    if not child:
+        end_with_files_of(most, folder, tmp_path / "run")
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == FULL
+    assert not list((tmp_path / "run").glob("*.tmp*"))
+    run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert content(tmp_path / "run") == content(whole)
+
+
+FULL = 42
+
+
+def end_with_files_of(most, folder, out):
+    """Run where no file may be larger than that, and end with `FULL` if that is said."""
+    import resource
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    code = 1
+    try:
+        run(open_sequence(folder), out, resolve(assignments=SETTINGS))
+    except OutputError as error:
+        code = FULL if STATE_NAME in str(error) else 2
+    finally:
+        os._exit(code)
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory):
+    """A walk, a dark stretch, and most of the walk again: a loop is closed in the second half."""
+    walk = corridor(13.0, SMALL_RIG)
+    pairs = [walk[k] for k in range(22)]
+    dark = [replace(pairs[0], left=0 * pairs[0].left, right=0 * pairs[0].right)] * DARK
+    order = [*pairs, *dark, *pairs[2:12]]
+    return [replace(pair, index=k, stamp=float(k), name=f"{k:03d}") for k, pair in enumerate(order)]
+
+
+class Loop:
+    """The pairs of a loop as a source."""
+
+    name, rig = "loop", SMALL_RIG
+
+    def __init__(self, pairs):
+        self.pairs = pairs
+
+    def __len__(self):
+        return len(self.pairs)
+
+    def __getitem__(self, index):
+        return self.pairs[index]
+
+
+def run_loop(pairs, out, **options):
+    """Run over a loop, with a checkpoint at each frame."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tspslam.run.sequence._EVERY", 1)
+        patch.setattr("tspslam.run.sequence._SHARE", 0.0)
+        return run(Loop(pairs), out, resolve(assignments=SETTINGS), **options)
+
+
+@pytest.fixture(scope="module")
+def closed(loop, tmp_path_factory):
+    """A run that closed a loop."""
+    return run_loop(loop, tmp_path_factory.mktemp("loop") / "run")
+
+
+@pytest.mark.parametrize("later", [0, 1, 2])  # frames after the one that closes the loop
+def test_killed_while_a_loop_closes_it_ends_with_the_same_bytes(loop, closed, tmp_path, later):
+    assert closed.run["loops"] > 0
+    stop = closed.run["loop_closures"][0][0] + 1 + later
+    assert stop < len(loop)
+
+    def kill(step):
+        if step.stage == "tracking" and step.done == stop:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    child = os.fork()
+    if not child:
+        run_loop(loop, tmp_path / "run", on_step=kill)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    seen = []
+    run_loop(loop, tmp_path / "run", progress=lambda *given: seen.append(given))
+    assert 0 < len(seen) < len(loop)  # it went on from a checkpoint
+    assert content(tmp_path / "run") == content(closed.folder)

@@ -14,7 +14,9 @@ import pytest
 from tests import videos
 from tests.datasets.test_live import Film
 from tspslam import Session, cli, evaluate_trajectory
+from tspslam.cli._sources import Given, open_source
 from tspslam.datasets import LiveSequence, VideoSequence, live, synthetic
+from tspslam.datasets.views import open_views
 from tspslam.errors import InputError
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
@@ -107,6 +109,24 @@ def test_a_video_is_run_from_the_command_line(tmp_path, film, capsys):
     ):
         assert cli.exit_code([*command, *extra]) == cli.BAD_INPUT
         assert said in capsys.readouterr().err
+
+
+def test_how_far_a_video_has_been_gone_through_is_told(tmp_path, film, frames):
+    left = videos.write_video(tmp_path / "left.avi", [each[:, : each.shape[1] // 2] for each in frames])
+    right = videos.write_video(tmp_path / "right.avi", [each[:, each.shape[1] // 2 :] for each in frames])
+    calib, steps, places = film.parent / "calib.yaml", [], []
+    open_source(Given([film], calib, layout="side-by-side"), steps.append)
+    assert [(step.stage, step.done, step.total) for step in steps] == [
+        ("indexing", k, COUNT) for k in range(1, COUNT + 1)
+    ]
+    VideoSequence((left, right), calib=calib, on_index=lambda *place: places.append(place))
+    assert places == [(k, 2 * COUNT) for k in range(1, 2 * COUNT + 1)]
+    steps.clear()
+    with pytest.raises(InputError):
+        open_source(Given([tmp_path], calib), steps.append)
+    assert steps == []
+    said = open_views([left, right], on_index=lambda *place: places.append(place))
+    assert (len(said), len(places)) == (COUNT, 4 * COUNT)
 
 
 def test_options_of_videos_and_cameras_go_with_them_alone(tmp_path, film, capsys):

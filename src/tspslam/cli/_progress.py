@@ -107,7 +107,7 @@ def closing_line(pace: Pace) -> str:
 def _pace_of(pace: Pace) -> list[str]:
     """How far, how fast, how long: of a stage without a count, how long it has taken."""
     step, rate, left = pace.step, pace.rate, pace.left
-    if step is None or step.stage not in ("tracking", "corners"):
+    if step is None or step.stage not in ("indexing", "tracking", "corners"):
         return [_span(pace.stage_seconds)]
     said = [f"{step.done}/{step.total}"]
     if rate is not None and left is not None:

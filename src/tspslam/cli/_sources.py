@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,6 +13,7 @@ from ._live import open_cameras
 
 if TYPE_CHECKING:
     from ..run.pipeline import Source
+    from ..run.sequence import Step
 
 _PARTNERS = {
     "topics": "goes with a bag alone",
@@ -52,15 +54,22 @@ class Given:
                 raise typer.BadParameter(_PARTNERS[name], param_hint=f"--{name}")
 
 
-def open_source(given: Given) -> Source:
-    """Open what is to be read."""
+def open_source(given: Given, on_step: Callable[[Step], object] | None = None) -> Source:
+    """Open what is to be read; `on_step` is told how far a video has been gone through."""
     if given.camera:
         return _open_cameras(given)
     if given.depth or given.disparity:
         given.refuse("topics", "layout", "fps", "sensor")
         return _open_map(given)
     given.refuse("unknown")
-    return _open_images(given)
+    return _open_images(given, index_steps(on_step))
+
+
+def index_steps(on_step: Callable[[Step], object] | None) -> Callable[[int, int], object] | None:
+    """What takes frames done and in all, while a video is gone through, and tells them as steps."""
+    from ..run.sequence import Step
+
+    return None if on_step is None else lambda done, total: on_step(Step("indexing", done, total))
 
 
 def _open_cameras(given: Given) -> Source:
@@ -71,15 +80,15 @@ def _open_cameras(given: Given) -> Source:
     return open_cameras(given.camera or [], given.layout, given.calib, given.out, others)
 
 
-def _open_images(given: Given) -> Source:
+def _open_images(given: Given, on_index: Callable[[int, int], object] | None) -> Source:
     from .. import datasets
+    from ..datasets.folder import read_pair_with_remarks
     from ..datasets.layouts import are_parts
     from ..run.pipeline import OnePair
-    from ..vision.calibration.formats import read_calibration
 
     paths = given.paths
     if len(paths) == 1 or are_parts(paths):
-        return _open_sequence(given)
+        return _open_sequence(given, on_index)
     given.refuse("topics", "layout", "fps", "unit", "sensor")
     if not paths:
         given.refuse("calib", "bits")
@@ -89,11 +98,10 @@ def _open_images(given: Given) -> Source:
         raise typer.BadParameter(said, param_hint="SOURCE")
     if given.calib is None:
         raise typer.BadParameter("a pair of files needs a calibration file", param_hint="--calib")
-    pair = datasets.read_pair(paths[0], paths[1], given.calib, bits=given.bits)
-    return OnePair(pair, read_calibration(given.calib, (pair.rig.width, pair.rig.height)).remarks)
+    return OnePair(*read_pair_with_remarks(paths[0], paths[1], given.calib, bits=given.bits))
 
 
-def _open_sequence(given: Given) -> Source:
+def _open_sequence(given: Given, on_index: Callable[[int, int], object] | None) -> Source:
     from .. import datasets
     from ..datasets._kinds import is_video
     from ..vision.depth.sensor import SENSORS
@@ -107,7 +115,7 @@ def _open_sequence(given: Given) -> Source:
     path: Any = given.paths if len(given.paths) > 1 else given.paths[0]
     return datasets.open_sequence(
         path, calib=given.calib, topics=given.topics, bits=given.bits, layout=given.layout, fps=given.fps,
-        unit=given.unit, sensor=SENSORS[given.sensor] if given.sensor else None,
+        unit=given.unit, sensor=SENSORS[given.sensor] if given.sensor else None, on_index=on_index,
     )  # fmt: skip
 
 

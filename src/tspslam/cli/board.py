@@ -12,6 +12,7 @@ import typer
 from ..printing import note, say
 from ._progress import progress
 from ._shared import ForceOption, JsonOption, ThreadsOption, TopicsOption, check_suffix
+from ._sources import index_steps
 from .show import calib_app
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def calib_board_command(
     check_output(output, CALIBRATION, source, is_forced=force)
     check_output(drawn, PICTURES["png"], source, is_forced=force)
     set_threads(threads)
-    images = open_views(source, layout, topics)
     with progress(as_json) as on_step:
+        images = open_views(source, layout, topics, on_index=index_steps(on_step))
         found = calibrate_from(seen, images, lens, on_step)
         write_calibration(found, output, drawn)
     if as_json:

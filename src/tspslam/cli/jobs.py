@@ -63,6 +63,9 @@ def run_command(
     config: ConfigOption = None,
     assignments: SetOption = None,
     threads: ThreadsOption = None,
+    fix_offset: Annotated[
+        bool, typer.Option("--fix-offset", help="Take an offset of all disparities off points and responses too.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser while it goes on.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -78,26 +81,32 @@ def run_command(
         expected = ", ".join(KINDS["detector"])
         raise typer.BadParameter(f"{detector!r}, expected one of {expected}", param_hint="--detector")
     chosen = [f"detector.kind={detector}"] if detector else []
+    chosen += ["mapping.fix_offset=true"] if fix_offset else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     given = Given(
         source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
     )
-    pairs = open_source(given)
-    wanted = range(0) if camera else _frame_range(frames, len(pairs))
-    target = out or Path("runs") / pairs.name
-    check_folder(target, *(source or []), calib, depth, disparity)
-    set_threads(threads)
-    with viewing(target if view else None) as viewer:
-        with until_interrupt(pairs), progress(as_json) as on_step:
-            announce_compilation(is_sequence=len(wanted) != 1)
-            chosen_frames = wanted if frames else None
-            with compiling(is_sequence=len(wanted) != 1):
-                result = pipeline.run(pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step)
-        try:
-            _say_remarks(pairs, as_json)
-            finish(result, as_json)
-        finally:
-            viewer.stay()
+    with contextlib.ExitStack() as stack:
+        on_step = stack.enter_context(progress(as_json))
+        pairs = open_source(given, on_step)
+        wanted = range(0) if camera else _frame_range(frames, len(pairs))
+        target = out or Path("runs") / pairs.name
+        check_folder(target, *(source or []), calib, depth, disparity)
+        set_threads(threads)
+        with viewing(target if view else None) as viewer:
+            with until_interrupt(pairs):
+                announce_compilation(is_sequence=len(wanted) != 1)
+                chosen_frames = wanted if frames else None
+                with compiling(is_sequence=len(wanted) != 1):
+                    result = pipeline.run(
+                        pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step
+                    )
+            stack.close()  # the line of progress ends before the results
+            try:
+                _say_remarks(pairs, as_json)
+                finish(result, as_json)
+            finally:
+                viewer.stay()
 
 
 @app.command("filter")
@@ -119,6 +128,7 @@ def filter_command(
     order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
     centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
     merge: Annotated[bool, typer.Option("--merge-corners", help="Make one vertex of those at the same place.")] = False,
+    polygons: Annotated[str, typer.Option(help="Faces of over three corners: fan (of triangles), or cells.")] = "fan",
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""
@@ -128,14 +138,15 @@ def filter_command(
     from ..topology.harmonic import Tmahf
 
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
-    given = _one_of(mesh, cloud, extrinsics, surface, merge)
-    target = out or Path("runs") / f"{given.stem}-filter{'-merged' if merge else ''}"
+    given = _one_of(mesh, cloud, extrinsics, surface, merge, polygons)
+    parts = ["-merged"] * merge + [f"-{polygons}"] * (polygons != "fan")
+    target = out or Path("runs") / f"{given.stem}-filter{''.join(parts)}"
     check_folder(target, given, image, calib, extrinsics)
     with progress(as_json) as on_step:
         announce_compilation()
         on_step(Step("filter"))
         if mesh is not None:
-            result = filter_mesh(mesh, image, calib, target, stage, merge=merge, bits=bits)
+            result = filter_mesh(mesh, image, calib, target, stage, merge=merge, polygons=polygons, bits=bits)
         else:
             kind: Any = surface
             result = filter_scan(given, image, calib, target, stage, extrinsics=extrinsics, surface=kind, bits=bits)
@@ -148,15 +159,19 @@ def _say_remarks(pairs: Source, as_json: bool) -> None:
         note(*(f"note: {remark}" for remark in getattr(pairs, "remarks", ())))
 
 
-def _one_of(mesh: Path | None, cloud: Path | None, extrinsics: Path | None, surface: str, merge: bool) -> Path:
+def _one_of(
+    mesh: Path | None, cloud: Path | None, extrinsics: Path | None, surface: str, merge: bool, polygons: str
+) -> Path:
     """What is filtered, after the options have been found to go together."""
     if surface not in ("range", "crust"):
         raise typer.BadParameter(f"{surface!r}, expected range or crust", param_hint="--surface")
+    if polygons not in ("fan", "cells"):
+        raise typer.BadParameter(f"{polygons!r}, expected fan or cells", param_hint="--polygons")
     if cloud is None:
         if extrinsics is not None or surface != "range":
             raise typer.BadParameter("goes with --cloud", param_hint="--extrinsics" if extrinsics else "--surface")
-    elif merge:
-        raise typer.BadParameter("goes with a mesh", param_hint="--merge-corners")
+    elif merge or polygons != "fan":
+        raise typer.BadParameter("goes with a mesh", param_hint="--merge-corners" if merge else "--polygons")
     given = mesh if cloud is None else cloud
     if given is None or (mesh is not None and cloud is not None):
         raise typer.BadParameter("expected a MESH or --cloud, one of both", param_hint="MESH")

@@ -11,7 +11,7 @@ import typer
 
 from ..errors import InputError
 from ..printing import note, say
-from ._shared import ForceOption, JsonOption, SetOption, app, check_suffix
+from ._shared import DEGRADED, ForceOption, JsonOption, SetOption, app, check_suffix
 
 if TYPE_CHECKING:
     from ..vision.evaluate import Align
@@ -105,6 +105,8 @@ def eval_command(
     say(*([json.dumps(describe_errors(errors, kitti=kitti))] if as_json else tabulate(errors, kitti=kitti)))
     if plot and not as_json:
         say(f"wrote {plot}")
+    if errors.is_mostly_unknown:
+        raise typer.Exit(DEGRADED)
 
 
 def _alignment(text: str) -> Align:

@@ -88,6 +88,7 @@ class DepthReader:
         camera = cameras.colour
         plain = Rig(camera.fx, camera.fy, camera.cx, camera.cy, 0.0, camera.width, camera.height, camera.skew)
         self.rig = virtual_rig(plain, sensor)
+        self._empty: set[int] = set()  # pairs that were read whose maps know no depth
 
     @cached_property
     def looked_at(self) -> list[tuple[float, ...]]:
@@ -141,8 +142,12 @@ class DepthReader:
         }
 
     def doubts(self) -> Iterator[dict[str, str]]:
-        """What looks wrong with depths that can still be worked with."""
+        """What looks wrong with depths that can still be worked with, in a few maps and in those that were read."""
         found = self.describe()
+        if self._empty:
+            first = min(self._empty)
+            said = f"no depth is known in {len(self._empty)} of the maps that were read, first in that of frame {first}"
+            yield {"code": "depth_empty", "message": f"{said} ({one_line(str(self._names[first]))})"}
         if found["known_share"] < _FEW_KNOWN:
             said = (
                 f"{100 * found['known_share']:.0f} % of the pixels have a depth: there are points in a part of the view"
@@ -170,6 +175,10 @@ class DepthReader:
         except InputError as error:
             said = one_line(str(error))
             raise InputError(said if name in said else f"{name}: {said}") from error
+        if np.isfinite(disparity).any():
+            self._empty.discard(index)
+        else:
+            self._empty.add(index)
         image, disparity, valid = self._undistorted(name, image, disparity)
         step = 0.0 if self.unit is None else self.unit
         sigma = disparity_sigma(self.rig, disparity, self.sensor, step=step)

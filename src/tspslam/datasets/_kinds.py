@@ -13,7 +13,7 @@ from ..errors import InputError
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"})
 """Of images that are read."""
-_FLOATS = ".pfm"  # read too, but often a map beside images
+_FLOATS = (".exr", ".pfm")  # read too, but often maps beside images
 _READ = "images as .png, .jpg, .tif, .bmp, .pgm, .ppm or .webp"
 _MAX_NAMED = 6
 _KINDS = {
@@ -21,8 +21,8 @@ _KINDS = {
     "a recording of a ZED camera": ".svo .svo2",
     "a bag that was not closed": ".active",
     "an archive": ".zip .tar .gz .tgz .bz2 .tbz2 .xz .txz .7z .rar .zst .zstd .lz4",
-    "one image": " ".join(sorted({*SUFFIXES, _FLOATS})),
-    "an image of a kind that is not read": ".gif .heic .heif .avif .jp2 .jxl .exr .hdr .dng .tga .svg",
+    "one image": " ".join(sorted({*SUFFIXES, *_FLOATS})),
+    "an image of a kind that is not read": ".gif .heic .heif .avif .jp2 .jxl .hdr .dng .tga .svg",
     "a mesh or a cloud": ".ply .obj .vtu .stl .pcd .off",
     "a text": ".yaml .yml .txt .json .csv .xml",
 }
@@ -67,7 +67,7 @@ def only_images(folder: Path, files: Iterable[Path]) -> list[Path]:
     """Return the files of a folder that are images by name, without hidden ones; InputError if it has others only."""
     seen = [file for file in files if not file.name.startswith(".")]
     images = [file for file in seen if file.suffix.lower() in SUFFIXES]
-    images = images or [file for file in seen if file.suffix.lower() == _FLOATS]
+    images = images or [file for file in seen if file.suffix.lower() in _FLOATS]
     others = Counter(file.suffix.lower() for file in seen if not images and file.is_file())
     if others:
         (suffix, count), kind = others.most_common(1)[0], _OF.get(others.most_common(1)[0][0])

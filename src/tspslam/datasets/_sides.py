@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from .._files import bad_input, one_line
 from ..errors import InputError
 from ._kinds import SUFFIXES, only_images
@@ -15,6 +17,9 @@ from ._pairing import NANOSECONDS, natural, pair_by_stamp
 from ._times import nanoseconds_of
 
 PLAIN = ("left", "right")
+_APART = 0.49  # of the interval between frames: at half of it, the next frame's partner is as near
+_UNSTEADY = 0.25  # of the interval: how much the lateness of one side may vary where it is over a quarter
+_FAR = ", over a quarter of a frame: where the camera moves, a pair is not of one moment"
 _CHOSEN = ("", "image", "images", "img", "rgb")  # of several pairs of folders: of images, not of depths or labels
 
 
@@ -187,13 +192,22 @@ def _by_stamp(left: list[Path], right: list[Path], labels: tuple[str, str]) -> S
         dict(zip(one.values, left, strict=True)),
         dict(zip(other.values, right, strict=True)),
     )
-    paired = pair_by_stamp(*by_time, labels)
+    of = {file: time for side in by_time for time, file in side.items()}
+    paired, far = pair_by_stamp(*by_time, labels), ""
+    wider = pair_by_stamp(*by_time, labels, apart=_APART)
+    if len(wider.files) > len(paired.files) and _is_steady([of[b] - of[a] for a, b in wider.files], by_time):
+        paired, far = wider, _FAR
     if not paired.files:
         return None
-    of = {file: time for side in by_time for time, file in side.items()}
     apart = max(abs(of[first] - of[second]) for first, second in paired.files) / NANOSECONDS
     names = {second: first.stem for first, second in paired.files}
     taken = {file.stem for file in left}
     lone = {file: file.stem if file.stem not in taken else f"{file.stem} {labels[1]}" for file in right}
-    said = f"paired by the nearest stamps in the names, up to {apart:.2g} s apart"
+    said = f"paired by the nearest stamps in the names, up to {apart:.2g} s apart{far}"
     return Sides({file.stem: file for file in left}, {(lone | names)[file]: file for file in right}, labels, [said])
+
+
+def _is_steady(late: list[int], by_time: Iterable[Iterable[int]]) -> bool:
+    """Whether one side is later by about the same in all pairs: else partners may be those of the next frame."""
+    steps = [float(np.median(np.diff(sorted(side)))) for side in by_time]
+    return bool(np.ptp(late) <= _UNSTEADY * min(steps))

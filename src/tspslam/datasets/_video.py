@@ -6,7 +6,7 @@ import contextlib
 import os
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -68,6 +68,7 @@ class VideoFile:
         self.path = Path(path)
         self._lock = threading.Lock()
         self._capture, self._next = _opened(self.path), 0
+        self.on_index: Callable[[int], None] | None = None  # called with how many frames have been gone through
         self._describe()
 
     @cached_property
@@ -148,6 +149,8 @@ class VideoFile:
             while (pixels := self._grab()) is not None:
                 times.append(self._time())
                 marks.append(_mark(pixels))
+                if self.on_index:
+                    self.on_index(len(times))
         if not times:
             raise bad_input(self.path, f"has no frame that can be decoded (its codec is {self.codec})", EXPECTED)
         self._next = len(times)

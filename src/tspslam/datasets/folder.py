@@ -11,7 +11,7 @@ from .._files import PathLike, one_line
 from ..errors import InputError
 from ..io.images import image_size
 from ..types import FloatArray, RawRig, Rig, StereoPair
-from ..vision.calibration.formats import read_stereo, read_stereo_calibration
+from ..vision.calibration.formats import Calibration, read_stereo_calibration
 from ._folder_images import FolderImages
 from ._kinds import no_image
 from ._pairing import checked_index
@@ -37,7 +37,7 @@ def read_pair(
     Returns
     -------
     StereoPair
-        Named after the left file.
+        Named after the left file; with the range of its disparities, where the calibration tells it, as Middlebury's.
 
     Raises
     ------
@@ -50,11 +50,35 @@ def read_pair(
     Traceback (most recent call last):
     tspslam.errors.InputError: no-such-left.png: cannot be opened (No such file or directory); expected a PNG, ...
     """
+    return read_pair_with_remarks(left, right, calib, bits=bits)[0]
+
+
+def read_pair_with_remarks(
+    left: PathLike, right: PathLike, calib: PathLike | Rig | RawRig, *, bits: int | None = None
+) -> tuple[StereoPair, tuple[str, ...]]:
+    """Read a pair as `read_pair`, and what is to be said of its calibration.
+
+    Parameters
+    ----------
+    left, right, calib, bits
+        As `read_pair`.
+
+    Returns
+    -------
+    StereoPair
+        The pair.
+    tuple of str
+        Remarks on the calibration, a line each; none of cameras that are given themselves.
+    """
     for side, path in (("left image", left), ("right image", right)):
         require_path(path, side)
     sizes = [_size_of(Path(path)) for path in (left, right)]
-    cameras = calib if isinstance(calib, Rig | RawRig) else read_stereo(calib, sizes[0])
-    return FileReader(cameras, [(Path(left), Path(right))], bits).read(0)
+    if isinstance(calib, Rig | RawRig):
+        found = Calibration(calib, "given", {})
+    else:
+        found = read_stereo_calibration(calib, sizes[0])
+    pair = FileReader(found.cameras, [(Path(left), Path(right))], bits).read(0)
+    return replace(pair, disparity_range=found.disparity_range), found.remarks
 
 
 pair_from_files = read_pair
@@ -76,7 +100,8 @@ class StereoFolder:
     l and r, cam0 and cam1, infra1 and infra2, in capitals too. Without such folders they are images beside each other
     whose names differ so: `left01.png` and `right01.png`, `img_0_L.png` and `img_0_R.png`. Images of two folders that
     have few names in common are paired by the stamps in their names, the nearest to each other within a quarter of the
-    median interval; else by their names without the side; else by the last number in them.
+    median interval, or within half of it where one side is later by about the same throughout; else by their names
+    without the side; else by the last number in them.
 
     Stamps come from `times.txt`, `timestamps.txt` or `stamps.txt` (a line for each left image, or lines of a name and a
     time), in the folder or in that of the left images; else from `fps`; else from names that hold times since 1970, or

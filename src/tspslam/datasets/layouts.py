@@ -22,7 +22,7 @@ from .rgbd import RgbdSequence
 from .rosbag import RosbagSequence
 from .rosbag_depth import RgbdBag
 from .utias import UtiasRun
-from .video import VideoSequence, image_size
+from .video import OnIndex, VideoSequence, image_size
 
 Sequence = (
     StereoFolder | KittiSequence | EurocSequence | UtiasRun | RosbagSequence | VideoSequence | RgbdSequence | RgbdBag
@@ -48,6 +48,7 @@ def open_sequence(
     path: PathLike | list[PathLike] | tuple[PathLike, ...], *,
     calib: PathLike | None = None, topics: tuple[str, str] | None = None, bits: int | None = None,
     layout: str | None = None, fps: float | None = None, unit: float | None = None, sensor: DepthSensor | None = None,
+    on_index: OnIndex | None = None,
 ) -> Sequence:  # fmt: skip
     """Open a folder, a bag or a video of stereo pairs, or a folder of colour images and depths, with its reader.
 
@@ -74,6 +75,8 @@ def open_sequence(
     unit, sensor : optional
         Metres in one step of the depths of a folder of RGB-D, and how those of a folder or a bag scatter, as in
         `RgbdSequence`.
+    on_index : callable, optional
+        Called with frames done and in all while a video is gone through, as in `VideoImages`.
 
     Returns
     -------
@@ -102,7 +105,7 @@ def open_sequence(
     source: Any = several or folder
     match kind:
         case "video":
-            return _open_video(source, calib, layout, fps, bits)
+            return _open_video(source, calib, layout, fps, bits, on_index)
         case "bag":
             one, other = topics or (None, None)
             if sensor is not None or is_rgbd_bag(source, topics):
@@ -199,13 +202,14 @@ def _refuse_others(folder: Path, kind: str, given: dict[str, Any]) -> None:
 
 
 def _open_video(
-    source: Any, calib: PathLike | None, layout: str | None, fps: float | None, bits: int | None
-) -> VideoSequence:
+    source: Any, calib: PathLike | None, layout: str | None, fps: float | None, bits: int | None,
+    on_index: OnIndex | None,
+) -> VideoSequence:  # fmt: skip
     if calib is None:
         image_size(source, layout)  # what is wrong with the file comes first
         said = "is a video without a calibration, expected a file by --calib (calib=)"
         raise InputError(one_line(f"{source[0] if isinstance(source, list) else source}: {said}"))
-    return VideoSequence(source, layout, calib=calib, fps=fps, bits=bits)
+    return VideoSequence(source, layout, calib=calib, fps=fps, bits=bits, on_index=on_index)
 
 
 def _unknown(folder: Path) -> InputError:

@@ -17,7 +17,7 @@ from ..vision.rig import check_pair, require_baseline
 from ..vision.stereo.dense import checked_map, checked_unit, disparity_of_depth, known_values, unknown_values
 from ._levels import Levels
 
-_EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a .npy of numbers"
+_EXPECTED = "a map (H, W): a 16-bit PNG or TIFF, a float32 TIFF, PFM or OpenEXR, or a .npy of numbers"
 
 
 def pair_from_map(
@@ -37,7 +37,7 @@ def pair_from_map(
     image : str or path
         What the left camera saw, rectified.
     map_ : str or path
-        Depths or disparities of its pixels: a 16-bit PNG or TIFF, a float32 TIFF or PFM, or a ``.npy`` file.
+        Depths or disparities of its pixels: a 16-bit PNG or TIFF, a float32 TIFF, PFM or OpenEXR, or a ``.npy`` file.
     calib : str or path
         Calibration, as `tspslam.read_calibration` reads it; for depths of a single camera any baseline
         will do.
@@ -134,7 +134,7 @@ def read_levelled(path: PathLike, bits: int | None = None) -> tuple[Image, int |
 
 
 def read_map(path: PathLike) -> NDArray[Any]:
-    """Read a map of numbers, (H, W), from an image of one channel (PNG, TIFF, PGM, PFM) or a ``.npy`` file.
+    """Read a map of numbers, (H, W), from an image of one channel (PNG, TIFF, PGM, PFM, OpenEXR) or a ``.npy`` file.
 
     Parameters
     ----------

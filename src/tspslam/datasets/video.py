@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ _SAME_RATE = 1.01  # between two videos: clocks differ by far less
 _FROZEN = 2  # frames that are the one before them: a single one may be what a camera doubled
 _SLOWEST, _FASTEST = 0.01, 1e5  # frames a second
 Paths = PathLike | Sequence[PathLike]
+OnIndex = Callable[[int, int], object]
 
 
 class VideoImages:
@@ -42,6 +44,9 @@ class VideoImages:
         ``"alternate"`` (left, right, left, ...).
     fps : float, optional
         Frames a second, in place of the times in the file.
+    on_index : callable, optional
+        Called, while the files are gone through, with how many frames are done and how many there are, as far as the
+        containers say.
 
     Attributes
     ----------
@@ -76,10 +81,13 @@ class VideoImages:
     unpaired: list[str]
     warnings: list[dict[str, str]]
 
-    def __init__(self, paths: Paths, layout: str | None = None, *, fps: float | None = None) -> None:
+    def __init__(
+        self, paths: Paths, layout: str | None = None, *, fps: float | None = None, on_index: OnIndex | None = None
+    ) -> None:
         _check_rate(fps)
         self.layout = layout
         self._files, self.size = _opened(paths, layout)
+        _tell(self._files, on_index)
         _check_same_rate(self._files, fps)
         times = [_times(each, fps) for each in self._files]
         self._pairs, self.unpaired = self._paired(times)
@@ -143,7 +151,7 @@ class VideoSequence:
 
     Parameters
     ----------
-    paths, layout, fps
+    paths, layout, fps, on_index
         As `VideoImages`.
     calib : str, path, Rig or RawRig
         Calibration of one image as it is in the video, after the turn and the division: a file, as
@@ -181,10 +189,11 @@ class VideoSequence:
     def __init__(
         self, paths: Paths, layout: str | None = None, *,
         calib: PathLike | Rig | RawRig, fps: float | None = None, bits: int | None = None,
+        on_index: OnIndex | None = None,
     ) -> None:  # fmt: skip
         found = calibration_of(calib, image_size(paths, layout))  # before the file is gone through
         self.remarks = list(found.remarks)
-        self.images = VideoImages(paths, layout, fps=fps)
+        self.images = VideoImages(paths, layout, fps=fps, on_index=on_index)
         self.stamps, self.unpaired, self.warnings = self.images.stamps, self.images.unpaired, self.images.warnings
         self._reader = Reader(found.cameras, self.images.images, self.images.names, bits)
         self.rig = self._reader.rig
@@ -296,6 +305,20 @@ def _opened(paths: Paths, layout: str | None) -> tuple[list[VideoFile], tuple[in
         said = "has {} x {} px, {} {} x {} px".format(*last.size, first.path.name, *first.size)
         raise bad_input(last.path, said, "videos of one size")
     return files, half_size(first.size, layout, first.path)
+
+
+def _tell(files: Sequence[VideoFile], on_index: OnIndex | None) -> None:
+    """Have files tell how many frames they have gone through, together."""
+    if on_index is None:
+        return
+    done, total = [0] * len(files), sum(file.declared for file in files)
+
+    def count(k: int, number: int) -> None:
+        done[k] = number
+        on_index(sum(done), max(total, sum(done)))
+
+    for k, file in enumerate(files):
+        file.on_index = partial(count, k)
 
 
 def _untold(file: VideoFile) -> InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ _KNOWN = "two folders, one with left/ and right/ in it, one whose names tell lef
 
 
 def open_views(
-    paths: Sequence[PathLike], layout: str | None = None, topics: tuple[str, str] | None = None
-) -> StoredImages:
+    paths: Sequence[PathLike], layout: str | None = None, topics: tuple[str, str] | None = None,
+    *, on_index: Callable[[int, int], object] | None = None,
+) -> StoredImages:  # fmt: skip
     """Open the images of two cameras as they are stored, to calibrate by them.
 
     Parameters
@@ -37,6 +38,8 @@ def open_views(
         Of a video with both: ``"side-by-side"``, ``"over-under"`` or ``"alternate"``.
     topics : tuple of 2 str, optional
         Topics of a bag with the left and the right images.
+    on_index : callable, optional
+        Called with frames done and in all while videos are gone through.
 
     Returns
     -------
@@ -68,7 +71,7 @@ def open_views(
     if all(place.is_file() and place.suffix.lower() not in SUFFIXES for place in places):
         from .video import VideoImages
 
-        return VideoImages(places if len(places) == 2 else places[0], layout)
+        return VideoImages(places if len(places) == 2 else places[0], layout, on_index=on_index)
     if layout is not None:
         raise InputError(one_line(f"{places[0]}: is no video, expected one of layout {layout}"))
     for place in places:

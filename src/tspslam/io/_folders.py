@@ -61,8 +61,7 @@ def new_folder(path: PathLike, *, may_go: Callable[[Path], None] | None = None) 
         _sync_files(temporary)
         if target.exists():  # before the folder has its name: nothing that may fail comes after
             temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-        with _out_of_the_way(target, check):
-            temporary.rename(target)
+        _take_place(temporary, target, check)
         _sync_folder(target.parent)
 
 
@@ -101,40 +100,54 @@ def _beside(path: PathLike, target: Path, check: Callable[[Path], None]) -> Iter
     """A folder beside the target that is gone at the end, unless it was renamed; what goes wrong is ours to say."""
     temporary = _temporary(target)
     try:
-        with contextlib.suppress(FileNotFoundError):
-            os.lstat(target)  # ValueError of a name that cannot be
-        check(target)
-        temporary.mkdir()
-    except (OSError, ValueError) as error:
-        raise bad_output(path, error) from error
-    try:
+        _make(temporary, path, target, check)  # an interruption may come as soon as it is there
         yield temporary
     except OSError as error:
         raise bad_output(path, error) from error
     except (InputError, OutputError) as error:  # of a file in the folder: say it by the name that it would have had
         raise type(error)(str(error).replace(str(temporary), str(path))) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _in_spite_of_interrupts(lambda: shutil.rmtree(temporary, ignore_errors=True))
 
 
-@contextlib.contextmanager
-def _out_of_the_way(target: Path, check: Callable[[Path], None]) -> Iterator[None]:
-    """Rename a folder for a block that puts another in its place; it comes back if that fails, and else is removed."""
-    if not target.exists():
-        yield
-        return
-    aside = _temporary(target)
-    target.rename(aside)
+def _make(temporary: Path, path: PathLike, target: Path, check: Callable[[Path], None]) -> None:
     try:
-        try:
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(target)  # ValueError of a name that cannot be
+        check(target)
+        temporary.mkdir()
+    except (OSError, ValueError) as error:
+        raise bad_output(path, error) from error
+
+
+def _take_place(temporary: Path, target: Path, check: Callable[[Path], None]) -> None:
+    """Give a folder its name; what had it comes back if that fails, and else is removed."""
+    aside = _temporary(target)
+
+    def settle() -> None:
+        if not temporary.exists():
+            shutil.rmtree(aside, ignore_errors=True)
+        elif aside.exists():
+            aside.rename(target)
+
+    try:
+        if target.exists():
+            target.rename(aside)
             check(aside)
-        except InputError as error:
-            raise InputError(str(error).replace(str(aside), str(target))) from error
-        yield
-    except BaseException:
-        aside.rename(target)
+        temporary.rename(target)
+    except InputError as error:
+        raise InputError(str(error).replace(str(aside), str(target))) from error
+    finally:
+        _in_spite_of_interrupts(settle)
+
+
+def _in_spite_of_interrupts(tidy: Callable[[], object]) -> None:
+    """Tidy up; where an interruption comes between, to the end all the same before that goes on."""
+    try:
+        tidy()
+    except KeyboardInterrupt:
+        tidy()
         raise
-    shutil.rmtree(aside, ignore_errors=True)
 
 
 def _temporary(target: Path) -> Path:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ._ply_header import Element, Header, Property
+from ._ply_ragged import read_ragged, read_ragged_words
 from ._words import words_of
 
 Columns = dict[str, NDArray[Any]]
@@ -79,6 +80,9 @@ def _text_element(words: NDArray[np.float64], start: int, element: Element) -> t
         return {}, start
     if element.lists:
         read = _text_alike(words, start, element) if len(element.lists) == 1 and corners_of(element) else None
+        corners = corners_of(element)
+        if read is None and corners is not None:
+            read = read_ragged_words(words, start, element, corners, _numbers)
         if read:
             return read
 
@@ -151,6 +155,9 @@ def _binary_element(data: bytes, start: int, element: Element, order: str) -> tu
         table = np.frombuffer(data, _row_type(element, order, 0), element.count, start)
         return _native(table, element.properties), start + table.nbytes
     read = _alike(data, start, element, order) if len(element.lists) == 1 and corners_of(element) else None
+    corners = corners_of(element)
+    if read is None and corners is not None:
+        read = read_ragged(data, start, element, order, corners)
     if read:
         return read
 

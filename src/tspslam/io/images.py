@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from .._atomic import write_bytes
 from .._files import PathLike, bad_input, open_input, reason_of
 from ..errors import InputError
+from . import _exr
+from ._tiff import check_deflate
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -26,7 +28,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
 LARGEST_AREA = 64_000_000
 LARGEST_SIDE = 32_767
 _FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP")
-_EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP or PFM image"
+_EXPECTED = "a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP, PFM or OpenEXR image"
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _TIFF_MAGIC = (b"II", b"MM")
 _WHITE_IS_ZERO, _PHOTOMETRIC, _ORIENTATION = 0, 262, 274  # of a TIFF; the last of EXIF too
@@ -39,7 +41,6 @@ _OTHERS = {
     b"ftypmif1": "HEIF",
     b"JXL \r\n": "JPEG XL",
     b"\xff\x0a": "JPEG XL",
-    b"v/1\x01": "OpenEXR",
     b"jP  \r\n": "JPEG 2000",
     b"#?RADIANCE": "Radiance HDR",
     b"GIF8": "GIF",
@@ -65,15 +66,15 @@ _quiet_lock = threading.Lock()
 
 
 def read_image(path: PathLike) -> Pixels:
-    """Read a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP or grey PFM image.
+    """Read a PNG, JPEG, TIFF, PGM, PPM, BMP, WebP, grey PFM or OpenEXR image.
 
     The header comes first: more than 64 megapixels, or a side over 32 767 px, is refused before any pixel is decoded.
     A PNG's checksums are all verified. Alpha is dropped, not blended. Palettes, CMYK, YCbCr and HSV become RGB; one
     bit becomes 0 and 255. 16-bit grey and colour stay 16-bit, whatever part of the 16 bits they use; a PGM or PPM is
-    spread from its own largest value to 65535. Floats (PFM, TIFF) stay, if they are from 0 to 1. Of several pages the
-    first is read. Gamma is not applied. An image whose EXIF orientation is not upright is refused: programs that
-    calibrate turn it or don't, and nothing tells which. A damaged JPEG or WebP that still decodes is returned, since
-    the formats have no checksum.
+    spread from its own largest value to 65535. Floats (PFM, TIFF, OpenEXR of one channel or R, G, B) stay, if they are
+    from 0 to 1. Of several pages the first is read. Gamma is not applied. An image whose EXIF orientation is not
+    upright is refused: programs that calibrate turn it or don't, and nothing tells which. A damaged JPEG or WebP that
+    still decodes is returned, since the formats have no checksum; so is a TIFF, but for one of deflate.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def read_image(path: PathLike) -> Pixels:
 
     Returns
     -------
-    (H, W) or (H, W, 3) uint8 or uint16, or (H, W) float32
+    (H, W) or (H, W, 3) uint8, uint16 or float32
         uint16 for pixels of more than 8 bits; colour is RGB.
 
     Raises
@@ -100,6 +101,8 @@ def read_image(path: PathLike) -> Pixels:
     (2, 3)
     """
     with open_input(path, _EXPECTED) as handle, _named(path, _EXPECTED):
+        if is_exr(handle):
+            return _luminance(_exr_pixels(handle))
         return load_pixels(_opened(handle), handle)
 
 
@@ -109,7 +112,7 @@ def read_numbers(path: PathLike, expected: str) -> NDArray[Any]:
     Parameters
     ----------
     path : str or path
-        A PNG, TIFF, PGM, BMP or JPEG, or a PFM of floats.
+        A PNG, TIFF, PGM, BMP or JPEG, or a PFM or OpenEXR of floats.
     expected : str
         What to say was expected, if it is none.
 
@@ -132,12 +135,14 @@ def read_numbers(path: PathLike, expected: str) -> NDArray[Any]:
     1500
     """
     with open_input(path, expected) as handle, _named(path, expected):
+        if is_exr(handle):
+            return _exr_pixels(handle)
         image = _opened(handle)
         most = _declared(image)
         if image.mode not in ("I", "F"):
             pixels = load_pixels(image, handle)
             return pixels if most is None or pixels.ndim == 3 else _undone(pixels, most, 255)
-        _load(image)
+        _load(image, handle)
         numbers = np.array(image)
         return numbers if most is None or image.mode == "F" else _undone(numbers, most, 65_535)
 
@@ -169,8 +174,12 @@ def image_size(path: PathLike) -> tuple[int, int]:
     (3, 2)
     """
     with open_input(path, _EXPECTED) as handle, _named(path, _EXPECTED):
-        with _quiet():
-            size = _open_header(handle).size
+        if is_exr(handle):
+            found = _exr.parse_header(handle.read(_exr.LONGEST))
+            size = found.width, found.height
+        else:
+            with _quiet():
+                size = _open_header(handle).size
         _check_size(size)
         return size
 
@@ -304,11 +313,37 @@ def load_pixels(image: Image.Image, handle: BinaryIO) -> Pixels:
     """
     _refuse_turned(image)
     deep, most = _depth_that_is_cut(image), _declared(image)
-    _load(image)
+    _load(image, handle)
     return _pixels(image) if deep is None else _deep_pixels(image, handle, deep, most)
 
 
-def _load(image: Image.Image) -> None:
+def is_exr(handle: BinaryIO) -> bool:
+    """Tell whether an open file is an OpenEXR image; it is left at its begin.
+
+    Parameters
+    ----------
+    handle : binary file
+        The open file.
+
+    Returns
+    -------
+    bool
+    """
+    handle.seek(0)
+    head = handle.read(len(_exr.MAGIC))
+    handle.seek(0)
+    return head == _exr.MAGIC
+
+
+def _exr_pixels(handle: BinaryIO) -> NDArray[np.float32]:
+    data = handle.read()
+    header = _exr.parse_header(data)
+    _check_size((header.width, header.height))
+    return _exr.read_pixels(data, header)
+
+
+def _load(image: Image.Image, handle: BinaryIO) -> None:
+    check_deflate(image, handle)
     with _quiet() if image.format == "TIFF" else contextlib.nullcontext():
         image.load()
 

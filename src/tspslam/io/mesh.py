@@ -193,10 +193,39 @@ def merge_corners(xyz: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray
     >>> len(xyz), faces.tolist()
     (4, [[0, 1, 2], [1, 3, 2]])
     """
+    places, merged, kept = merge_corners_of(xyz, faces)
+    return places, merged[kept]
+
+
+def merge_corners_of(
+    xyz: FloatArray, faces: NDArray[np.int32]
+) -> tuple[FloatArray, NDArray[np.int32], NDArray[np.bool_]]:
+    """Merge as `merge_corners`, keeping every face, and tell which of them have three corners still.
+
+    Parameters
+    ----------
+    xyz, faces
+        As `merge_corners`.
+
+    Returns
+    -------
+    xyz : (M, 3) float64
+        The distinct positions.
+    faces : (F, 3) int32
+        All faces over them.
+    kept : (F,) bool
+        Those whose corners are three.
+
+    Examples
+    --------
+    >>> soup = np.array([[0, 0, 1.0], [1, 0, 1], [0, 1, 1], [0, 0, 1]])
+    >>> merge_corners_of(soup, np.array([[0, 1, 2], [0, 3, 1]], np.int32))[2].tolist()
+    [True, False]
+    """
     first, place = _distinct(xyz)
     merged = place[faces]
     a, b, c = merged.T
-    return xyz[first], merged[(a != b) & (b != c) & (a != c)].astype(np.int32)
+    return xyz[first], merged.astype(np.int32), (a != b) & (b != c) & (a != c)
 
 
 def repeated_corners(xyz: FloatArray) -> int:

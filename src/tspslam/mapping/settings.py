@@ -221,6 +221,8 @@ class MappingSettings(Checked, what="mapping"):
         How the surface is cut.
     views : ViewSettings
         Which keyframes count for an element.
+    fix_offset : bool
+        Whether a run takes the offset of the disparities off its frames too, once the whole path has told it.
 
     Raises
     ------
@@ -236,6 +238,7 @@ class MappingSettings(Checked, what="mapping"):
     observe: ObservationSettings = field(default_factory=ObservationSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
     views: ViewSettings = field(default_factory=ViewSettings)
+    fix_offset: bool = setting(False, unit="", source="a frame is what its pair and the calibration say; docs/path")
 
     def __post_init__(self) -> None:
         """Check the kinds."""

@@ -10,11 +10,14 @@ from numpy.typing import ArrayLike
 
 from ..types import Rig
 from ..view._report_parts import Finding, FrameState, State, Verdict
-from .summary import FAR, LARGE_OFFSET, SURE, THIN, depth_seen
+from ..vision.slam.back_end.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE
+from .offset_doubts import describe_depths
+from .summary import THIN
 
 _FEWEST = 30  # landmarks: twice what a pose needs by default (tracking.pose.min_matches)
 _WILD = 1e9  # of a number that may be a stranger's
 _TWICE = 2.0  # times a threshold of `summary`: beyond it a value is wrong, between the two it is to be looked at
+_THIRDS = 3
 _STOPS = 2.0  # that exposures differ at most: 1.2 in KITTI 05 and 2.0 in EuRoC V1_01, whose cameras regulate it
 
 
@@ -72,7 +75,8 @@ def judge_calibration(calibration: Mapping[str, Any], rig: Rig | None, gain: Arr
     >>> [finding.verdict for finding in judge_calibration({"vertical_offset_px": 0.1}, None, None)]
     ['fine', 'not known']
     """
-    return [*_rows_level(calibration), _depths(calibration, rig), *_exposures(gain)]
+    depths, more = [_depths(calibration, rig)], (_over_time, _lens)
+    return [*_rows_level(calibration), *depths, *(each for one in more for each in one(calibration)), *_exposures(gain)]
 
 
 def _rows(value: Any, kind: type = dict) -> list[Any]:
@@ -127,14 +131,51 @@ def _depths(calibration: Mapping[str, Any], rig: Rig | None) -> Finding:
     if offset is None or std is None:
         words = "One frame cannot tell whether all disparities are off by the same; a camera that moves can."
         return Finding("Disparities", "not known", words)
+    reasons = [each for each in _listed(calibration, "unexplained") if isinstance(each, str)]
+    said = f"All disparities are off by {offset:+.2f} ± {std:.2g} px, as the camera's motion tells"
+    if reasons:
+        words = f"{said}, but one offset does not explain what was seen: {'; '.join(reasons)}. It is not used."
+        return Finding("Disparities", "wrong", words.replace("-", "\N{MINUS SIGN}"))
     verdict = _verdict(abs(offset), max(LARGE_OFFSET, SURE * std))
-    seen = "" if rig is None else f" In the points of frames, {FAR:g} m are {depth_seen(rig, offset):.3g} m."
+    is_fixed = bool(_number(calibration, "offset_taken_off_frames_px"))
+    seen = "" if rig is None or is_fixed else f" In the points of frames, {describe_depths(rig, offset)}."
     end = "" if verdict == "fine" else " Does the calibration belong to these images, and to their size?"
-    words = (
-        f"All disparities are off by {offset:+.2f} ± {std:.2g} px, as the camera's motion tells.{seen} Path and map "
-        f"have it taken off.{end}"
-    )
+    words = f"{said}.{seen} {'Frames, path' if is_fixed else 'Path'} and map have it taken off.{end}"
     return Finding("Disparities", verdict, words.replace("-", "\N{MINUS SIGN}"))
+
+
+def _listed(values: Mapping[str, Any], name: str) -> list[Any]:
+    value = values.get(name)
+    return value if isinstance(value, list) else []
+
+
+def _over_time(calibration: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the offsets of the thirds of the path agree."""
+    thirds = [_listed(calibration, f"disparity_offset_thirds_{name}") for name in ("px", "std_px")]
+    pairs = [pair for pair in zip(*thirds, strict=False) if all(isinstance(x, int | float) for x in pair)]
+    drift, std = (_number(calibration, f"disparity_offset_drift_{name}") for name in ("px", "std_px"))
+    if len(pairs) < _THIRDS or drift is None or std is None:
+        return
+    verdict = _verdict(abs(drift), max(LARGE_OFFSET, SURE * std))
+    said = ", ".join(f"{value:+.2f} ± {spread:.2g}" for value, spread in pairs)
+    end = "they agree." if verdict == "fine" else "they do not agree; was the rig knocked, or is more of it wrong?"
+    words = f"Over the first, middle and last third of the path disparities are off by {said} px: {end}"
+    yield Finding("Over time", verdict, words.replace("-", "\N{MINUS SIGN}"))
+
+
+def _lens(calibration: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the focal length fits, where turns tell."""
+    error, std = (_number(calibration, f"focal_length_error_{name}") for name in ("percent", "std_percent"))
+    if error is None or std is None:
+        return
+    most, limits = 100 * LARGE_FOCAL, "A wrong baseline scales everything alike: no stereo path can tell."
+    if SURE * std > most:
+        words = f"The camera turned too little to tell (±{std:.2g} %). {limits}"
+        yield Finding("Focal length", "not known", words)
+        return
+    verdict = _verdict(abs(error), max(most, SURE * std))
+    words = f"Turns say {error:+.1f} ± {std:.1g} % of the calibration's. {limits}"
+    yield Finding("Focal length", verdict, words.replace("-", "\N{MINUS SIGN}"))
 
 
 def _exposures(gain: ArrayLike | None) -> Iterator[Finding]:

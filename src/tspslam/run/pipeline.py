@@ -25,6 +25,7 @@ from ._stages import OnStep, Stages
 from .config import Resolved, as_resolved
 from .evaluate import describe_errors, measured
 from .map import join_keyframes, stored_keyframes
+from .offset import fix_offset
 from .record import hash_of, machine
 from .sequence import STATE_NAME, GrowingSource, OnFrame, SequenceRun, note_landmarks
 from .sequence import Source as Source
@@ -225,6 +226,8 @@ def _process_all(
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
     at("adjustment")
     sequence.session.finish()
+    if sequence.session.settings.mapping.fix_offset:
+        fix_offset(sequence)
     record = summarize_run(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
@@ -239,6 +242,8 @@ def _process_all(
 
 def _of_depths(source: Source, record: dict[str, Any]) -> dict[str, Any]:
     """What is said of a run, with what its source tells of its depths, if it has some."""
+    if isinstance(source, OnePair) and source.pair.disparity_range is not None:
+        record |= {"calibration": record["calibration"] | {"disparity_range_px": list(source.pair.disparity_range)}}
     return record | {"depth": source.describe()} if hasattr(source, "describe") else record
 
 

@@ -195,7 +195,7 @@ def flatten_row(row: Row) -> dict[str, Any]:
 
 
 def pair_hash(pair: StereoPair) -> str:
-    """SHA-256 of all that a frame is made from: images, rig, place, time, name.
+    """SHA-256 of all that a frame is made from: images, rig, place, time, name, and the disparities that are searched.
 
     Parameters
     ----------
@@ -207,7 +207,8 @@ def pair_hash(pair: StereoPair) -> str:
     str
         64 hexadecimal digits.
     """
-    digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name]))
+    known = () if pair.disparity_range is None else (list(pair.disparity_range),)
+    digest = hashlib.sha256(_json_bytes([_rig_record(pair.rig), pair.index, pair.stamp, pair.name, *known]))
     for values in (pair.left, pair.right, pair.disparity, pair.sigma, pair.valid):
         digest.update(b"" if values is None else array_hash(values).encode())
     return digest.hexdigest()

@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import __version__
 from .._files import one_line, read_bytes
+from .._npz import Arrays
 from .._stopwatch import Stopwatch
 from .._threads import Worker
 from ..errors import InputError
@@ -26,7 +27,7 @@ from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
-from ._checkpoint import pack, unpack
+from ._checkpoint import unpack, write_checkpoint
 from .map import snapshot_of
 from .record import (
     ComplexRecord,
@@ -92,9 +93,10 @@ class Step:
     Attributes
     ----------
     stage : str
-        What is being done: "tracking", "adjustment", "map", "pictures" or "report"; "corners" or "calibration".
+        What is being done: "indexing" (of a video), "tracking", "adjustment", "map", "pictures" or "report"; "corners"
+        or "calibration".
     done, total : int
-        Pairs, while tracking or looking for corners; of the other stages, 0 of 1.
+        Frames, while a video is gone through; pairs, while tracking or looking for corners; of other stages, 0 of 1.
     keyframes, lost, loops : int
         So far: keyframes, frames where tracking was lost, loops that were closed.
     """
@@ -140,6 +142,7 @@ class SequenceRun:
         self.map_seconds = 0.0
         self._errors: dict[int, InputError] = {}
         self._writing: list[tuple[int, Future[FrameRecord]]] = []  # place in `rows`, its record once it is written
+        self._saving: Future[None] | None = None
         self._resume()
         self._saved = len(self.rows)
         self.keyframes = sum(row.is_keyframe for row in self.tracked)
@@ -204,13 +207,17 @@ class SequenceRun:
                 frame = self._process(index, pair)
                 if frame is not None and on_frame is not None:
                     on_frame(frame)
+                self._finish_saving(is_urgent=False)
                 done = len(self.rows)
                 is_last = done == len(self.wanted) and not is_growing
                 if is_last or done >= self._saved + _EVERY + _SHARE * self._saved:
                     self._save()
+                if is_last:
+                    self._finish_writing()
                 yield done, index
             if is_growing:
                 self._save()
+                self._finish_writing()
 
     def _arriving(self) -> Iterator[tuple[int, StereoPair | InputError]]:
         """Pairs as they come, or why they cannot be read; the wanted ones grow with them."""
@@ -286,6 +293,19 @@ class SequenceRun:
         frame.seconds.update(watch.seconds)
         return row
 
+    def rewrite(self, frame: Frame) -> None:
+        """Write a stored frame anew, and its row; what is written has no say in the path.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of a row that is there.
+        """
+        place = next(k for k, row in enumerate(self.rows) if row.index == frame.index)
+        row = self.rows[place]
+        assert isinstance(row, FrameRecord)
+        self.rows[place] = self._store(frame, replace(row, complex_=None))
+
     def _wait_for_writing(self, left: int) -> None:
         """Wait until no more than so many frames are still to be written; what went wrong with them is raised."""
         while len(self._writing) > left:
@@ -293,15 +313,43 @@ class SequenceRun:
             self.rows[place] = written.result()
 
     def _save(self) -> None:
-        """Write a checkpoint: all that the next frame depends on; of a run that has given nothing yet there is none."""
-        self._wait_for_writing(0)
+        """Have a checkpoint written after the frames so far: all that the next frame depends on, as it is now."""
+        self._finish_saving()
         self._saved = len(self.rows)
         odometry = self.session.odometry
-        if not self.stored or not isinstance(odometry, StereoOdometry):
-            return
+        if isinstance(odometry, StereoOdometry):
+            given = list(self.rows), list(self._writing), odometry.state()
+            self._saving = self._writer.submit(self._write_checkpoint, *given)
+
+    def _write_checkpoint(
+        self, rows: list[Row], writing: list[tuple[int, Future[FrameRecord]]], state: Arrays
+    ) -> None:  # fmt: skip
+        """Write a checkpoint once its frames are written; of a run that has given nothing yet there is none."""
+        for place, written in writing:
+            rows[place] = written.result()
+        if any(isinstance(row, FrameRecord) and row.complex_ is not None for row in rows):
+            path = self.folder.path / STATE_NAME
+            write_checkpoint(path, _MADE_BY, rows, state)
+            self.folder.record(path, input_hash=hash_of([row.input_hash for row in rows]))
+
+    def _finish_saving(self, *, is_urgent: bool = True) -> None:
+        """Wait for the checkpoint that is being written, or only look whether it is; what went wrong is raised."""
+        if self._saving is not None and (is_urgent or self._saving.done()):
+            saving, self._saving = self._saving, None
+            saving.result()
+
+    def _finish_writing(self) -> None:
+        """Wait for all that is being written."""
+        self._wait_for_writing(0)
+        self._finish_saving()
+
+    def save_rows(self) -> None:
+        """Write the rows of the last checkpoint anew; the state stays that from before the path was final."""
         path = self.folder.path / STATE_NAME
-        write_bytes(path, pack(_MADE_BY, self.rows, odometry.state()))
-        self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
+        if STATE_NAME in self.folder.units:
+            _, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+            write_checkpoint(path, _MADE_BY, self.rows, state)
+            self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""

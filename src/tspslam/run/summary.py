@@ -9,16 +9,11 @@ import numpy as np
 
 from ..session import Session
 from ..topological_map import TopologicalMap
-from ..types import Rig
 from ..vision.rig import doubts
 from ..vision.slam.odometry import StereoOdometry
+from .offset_doubts import Warning_ as Warning_
+from .offset_doubts import describe_health, offset_doubts, rows_doubts
 from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of, versions
-
-LARGE_OFFSET, SURE = 0.5, 3.0  # px: recordings calibrated with care have up to 0.4 (KITTI); standard deviations
-FAR, _FARTHEST = 10.0, 1e4  # m: the depth that is told as an example, and the most that is said of it
-
-
-Warning_ = dict[str, str]
 
 # Points in a cloud, as a share of the keypoints that the image should have: below it a cloud is almost empty. Of 42
 # frames of KITTI, EuRoC, an OAK-D and Motorcycle the poorest (a bare corridor) has 0.095, the next 0.12, the median
@@ -65,13 +60,13 @@ def summarize_run(
         "frames": len(rows),
         "tracked": len(tracked) - lost,
         "keyframes": sum(row.is_keyframe for row in tracked),
-        "landmarks": len(odometry.map.xyz) if odometry else 0,
+        "landmarks": odometry.map.landmark_count if odometry else 0,
         "loops": odometry.loops if odometry else 0,
         "loop_closures": [[tracked[k].index for k in loop] for loop in odometry.mapper.closures] if odometry else [],
         "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],
         "complex": _sizes(stored),
         "defined": defined,
-        "calibration": _calibration(stored, odometry if len(tracked) > 1 else None) | bits,
+        "calibration": _calibration(stored, odometry if len(tracked) > 1 else None, session) | bits,
         "warnings": list(_warnings(rows, session, unpaired)),
         "per_frame": [_row(row) for row in tracked],
         "versions": versions(),
@@ -165,15 +160,16 @@ def _sizes(stored: list[ComplexRecord]) -> dict[str, int]:
     return {key: sum(getattr(each, name) for each in stored) for key, name in names.items()}
 
 
-def _calibration(stored: list[ComplexRecord], odometry: StereoOdometry | None) -> dict[str, Any]:
+def _calibration(stored: list[ComplexRecord], odometry: StereoOdometry | None, session: Session) -> dict[str, Any]:
     """How far the rig is off: as the images tell, and as the motion does, if there was one."""
     offset, std = (None, None) if odometry is None else odometry.disparity_offset
+    rows, bias = [each.vertical_offset_px for each in stored], None if odometry is None else odometry.mapper.bias
     return {
-        "vertical_offset_px": float(np.median([each.vertical_offset_px for each in stored])),
+        "vertical_offset_px": float(np.median(rows)),
         "vertical_offset_std_px": stored[0].vertical_offset_std_px,
         "disparity_offset_px": offset,
         "disparity_offset_std_px": std,
-    }
+    } | describe_health(rows, bias, is_fixed=session.settings.mapping.fix_offset)
 
 
 def _row(row: FrameRecord) -> dict[str, Any]:
@@ -190,7 +186,9 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
     for line in doubts(rig):
         yield {"code": "calibration", "message": line}
     if odometry and len(tracked) > 1:
-        yield from _offset_doubts(rig, *odometry.disparity_offset)
+        yield from offset_doubts(rig, odometry.mapper.bias, is_fixed=session.settings.mapping.fix_offset)
+    lone_std = stored[0].vertical_offset_std_px / max(stored[0].points, 1) ** 0.5 if stored else np.inf
+    yield from rows_doubts([each.vertical_offset_px for each in stored], lone_std)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
     yield from _few_points(tracked, session)
     yield from no_response(sum(each.defined for each in stored))
@@ -219,6 +217,12 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
     if odometry and odometry.unsolved:
         message = f"{odometry.unsolved} adjustments of the map had no solution"
         yield {"code": "adjustment", "message": message}
+    if odometry and odometry.map.images.forgotten:
+        message = (
+            f"{odometry.map.images.forgotten} images of old keyframes are gone: the disk had no room for them, or the "
+            "source has them no more; their places are not known again"
+        )
+        yield {"code": "images_forgotten", "message": message}
 
 
 def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:
@@ -277,38 +281,6 @@ def _few_points(tracked: list[FrameRecord], session: Session) -> Iterator[Warnin
             "image dark, blurred or bare, or are its bits others (--bits)?"
         )
         yield {"code": "few_points", "message": message}
-
-
-def depth_seen(rig: Rig, offset: float) -> float:
-    """Depth at which a point 10 m away is seen where all disparities are off.
-
-    Parameters
-    ----------
-    rig : Rig
-        The cameras.
-    offset : float
-        Measured less true disparity, px.
-
-    Returns
-    -------
-    float
-        m.
-    """
-    beyond = rig.fx * rig.baseline
-    return float(beyond / max(beyond / FAR + offset, beyond / _FARTHEST))
-
-
-def _offset_doubts(rig: Rig, offset: float, std: float) -> Iterator[Warning_]:
-    """What an offset of all disparities does, if the motion tells for sure that there is a large one."""
-    if abs(offset) <= max(LARGE_OFFSET, SURE * std):
-        return
-    message = (
-        f"disparities are off by {offset:+.2f} ± {std:.2g} px, as the motion tells; expected less than "
-        f"{LARGE_OFFSET:g}: is the calibration of these images? In the frames' points {FAR:g} m are "
-        f"{depth_seen(rig, offset):.3g} m; "
-        "in path and landmarks the offset is taken off"
-    )
-    yield {"code": "disparity_offset", "message": message}
 
 
 def _surfaces(unpaired: Sequence[str], stored: list[ComplexRecord]) -> Iterator[Warning_]:

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,10 +28,14 @@ from ..types import Rig
 from ..view.live._server import MISSING
 from .watch import RunWatch
 
+if TYPE_CHECKING:
+    from ..view.live.viewer import Viewer
+
 HOST, PORT = "127.0.0.1", 8080
 _HEAD = struct.Struct("<II")  # bytes of the words and of the image of a message
 _LARGEST = 1 << 24  # bytes of either: more is no message of ours
 _SECONDS = 0.1  # between two frames that are handed on
+_REST = 15.0  # times what the last look took, before the next one beside a run: a viewer takes 1/16 of a processor
 _WAITING = 4  # frames that may wait to be sent; of more the oldest go
 _GRACE = 3.0  # s that a viewer has to end
 _NICE = 19  # steps that the viewer stands behind the run where both want a processor
@@ -105,16 +109,29 @@ def serve(
         if shots is None and not world.stored and world.map_ is None:
             say(world.said)
         while shots is None or not shots.is_over:
+            began = time.monotonic()
             if world is not None:
                 for line in world.missing:
                     say_once(f"warning: {line}")
                 viewer.show(world)
-            if shots is not None and (shot := shots.newest()) is not None:
-                viewer.show_shot(shot)
-            viewer.work(_SECONDS if shots is not None and not shots.is_over else 3 * _SECONDS)
+            if shots is None:
+                viewer.work(3 * _SECONDS)
+            else:
+                _rest(viewer, shots, _REST * (time.monotonic() - began))
             world = watch.look()
     finally:
         viewer.close()
+
+
+def _rest(viewer: Viewer, shots: Shots, seconds: float) -> None:
+    """Leave the processor to the run for so long, and while nobody looks; the newest frame is shown as it comes."""
+    end = time.monotonic() + seconds
+    while not shots.is_over:
+        if (shot := shots.newest()) is not None:
+            viewer.show_shot(shot)
+        viewer.work(_SECONDS)
+        if viewer.is_watched and time.monotonic() >= end:
+            return
 
 
 @contextlib.contextmanager

@@ -13,21 +13,28 @@ ADVICE = {
     "calibration": "Look at your calibration file with tspslam calib show: it prints where each value is from.",
     "camera_lost": "Look at the cable, and at other programs that use the camera; the recording has all that it gave.",
     "depth_clock": "Synchronise colour and depth, or move slower: their edges differ where the camera moves.",
+    "depth_empty": "Look at those depth files: the frames are placed by others alone, and add no points.",
     "depth_flying": "Say which sensor it is (--sensor), and check that depths and images are of the same pixels.",
     "depth_holes": "Go nearer, or out of the sun: there are points only where there are depths.",
     "depth_range": "Check --unit (0.001 reads millimetres), and say which sensor it is (--sensor).",
     "depth_sensor": "Say which sensor it is (--sensor): depths that are believed too much bend the path.",
     "disparity_offset": (
-        "Calibrate the pair anew, or check that the calibration belongs to these images and to their size."
+        "Calibrate the pair anew, or check that the calibration belongs to these images and to their size; "
+        "--fix-offset takes it off points and responses too."
     ),
     "equal_stamps": "Check the clock or the file of stamps of your recording: each pair needs a time of its own.",
     "few_points": (
         "Look at these frames below: more light or a shorter exposure helps, or more keypoints "
         "(--set detector.count=4000), or --bits."
     ),
+    "focal_length": "Check that the calibration is of these images and of their size, and calibrate anew if it is.",
     "frame_skipped": "Look at these image files: they are missing, damaged, or of another size than the others.",
     "frames_dropped": "Run the recording, which has all pairs; smaller images or fewer a second let tracking keep up.",
     "frames_missed": "Record smaller images, fewer a second, or to a faster disk.",
+    "images_forgotten": (
+        "Make room where temporary files go (TMPDIR names another place), or give more memory: "
+        "--set tracking.map.image_bytes=1e9, say."
+    ),
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
         "Trust each part by itself, not where parts stand to one another; a slower pass over the gap joins them."
@@ -36,6 +43,7 @@ ADVICE = {
     "no_complex": "The frame shows too little for a surface: nothing is to be done for single frames without texture.",
     "no_response": "Check that the mesh or the points lie in view of the camera, and that faces share vertices.",
     "no_shared_edge": "Filter it again with --merge-corners, or join the vertices in the program that made the mesh.",
+    "offset_unexplained": "Calibrate the pair anew; if it was knocked, run what is before and what is after.",
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
     "polygons": "Nothing is to be done; cut the faces yourself where another diagonal would be better.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
@@ -51,6 +59,7 @@ ADVICE = {
     "truth": "Check that the true poses belong to this sequence: as many lines as frames, or stamps of the same clock.",
     "unknown": "If your map uses another value for 'not known', name it with --unknown.",
     "unpaired": "Check that each left image has a right one; images without a partner are left out.",
+    "vertical_offset": "Calibrate anew, or give the file that these images were rectified by; screw the cameras tighter.",
     "video_cut": "Copy the video again, if the original is whole; the frames that are there were taken.",
     "video_frozen": "Copy the file anew: frames that are damaged are shown as those before them.",
     "video_turned": "Calibrate with frames of such a video: the calibration must be of the turned images.",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
+
 from tspslam.types import Camera, RawRig, Rig
 
 from .formats_samples import (
@@ -34,6 +36,7 @@ def pair(lens: str, left: Coefficients, right: Coefficients, pose: tuple[tuple[f
 
 
 FISHEYES = pair("equidistant", (0.03125, -0.0125, 0.0075, -0.002), (0.0285, -0.011, 0.0065, -0.00175))
+IDEAL = pair("brown", (0.0,) * 5, (0.0,) * 5)
 SPHERES = pair("double_sphere", (-0.1875, 0.5625), (-0.171875, 0.578125))
 EUCM = pair("eucm", (0.625, 1.0625), (0.609375, 1.078125))
 MEI = pair("mei", (1.25, -0.3125, 0.125, 0.0005, -0.00025), (1.1875, -0.296875, 0.109375, -0.00075, 0.001))
@@ -225,6 +228,27 @@ def basalt(kind: str, left: dict[str, float], right: dict[str, float]) -> str:
     poses = [{"px": x, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0} for x in (-0.0625, 0.0625)]
     inner = {"T_imu_cam": poses, "intrinsics": cameras, "resolution": [[640, 480], [640, 480]], "vignette": []}
     return json.dumps({"value0": inner | {"imu_update_rate": 200.0, "cam_time_offset_ns": 0}}, indent=4)
+
+
+def t265(lens: str, rig: RawRig) -> str:
+    """Cameras turned by half about x in the body's frame (W is pi about x), where x of both is the body's own."""
+    cameras = [
+        {
+            "size_px": [640, 480],
+            "center_px": [c.cx, c.cy],
+            "focal_length_px": [c.fx, c.fy],
+            "distortion": {"type": lens, "k": list(c.distortion)} if c.lens != "brown" else {"type": lens},
+            "extrinsics": {
+                "T": [x, 0.0, 0.0],
+                "T_variance": [1e-6] * 3,
+                "W": [np.pi, 0.0, 0.0],
+                "W_variance": [1e-6] * 3,
+            },
+        }
+        for c, x in ((rig.left, -0.0625), (rig.right, 0.0625))
+    ]
+    head = {"device_id": "1234", "device_type": "T265", "calibration_version": 10}
+    return json.dumps(head | {"cameras": cameras, "depths": [], "imus": [{"accelerometer": {}}]}, indent=4)
 
 
 def named(rig: RawRig, names: str) -> tuple[dict[str, float], dict[str, float]]:
@@ -428,6 +452,8 @@ FURTHER = {
     "basalt-ucm": Sample({"c.json": basalt("ucm", {"alpha": 0.625}, {"alpha": 0.609375})}, bare(UCM), "Basalt calibration"),
     "basalt-8": Sample({"c.json": basalt("pinhole-radtan8", *named(RATIONAL, "k1 k2 p1 p2 k3 k4 k5 k6"))},
                        bare(RATIONAL), "Basalt calibration"),
+    "t265": Sample({"c.json": t265("kannalabrandt4", FISHEYES)}, bare(FISHEYES), "RealSense T265 calibration"),
+    "t265-pinhole": Sample({"c.json": t265("undistorted", IDEAL)}, bare(IDEAL), "RealSense T265 calibration"),
     "ros": Sample(ros("plumb_bob", RAW), replace(RAW, T_right_left=PARALLEL), "ROS camera_info"),
     "ros-rational": Sample(ros("rational_polynomial", RATIONAL), replace(RATIONAL, T_right_left=PARALLEL), "ROS camera_info"),
     "ros-equidistant": Sample(ros("equidistant", FISHEYES), replace(FISHEYES, T_right_left=PARALLEL), "ROS camera_info"),

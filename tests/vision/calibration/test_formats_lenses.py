@@ -92,6 +92,13 @@ WRONG = [
     ("basalt-ds", '"resolution"', '"size"', "lacks value0.resolution, expected a list of two cameras"),
     ("basalt-ds", "}", "", "is no whole JSON"),
     ("basalt-ds", "-0.1875", "NaN", "is no whole JSON (it holds NaN)"),
+    ("t265", "kannalabrandt4", "fisheye", "cameras[0].distortion.type is 'fisheye', expected kannalabrandt4 or undistorted"),
+    ("t265", '"W"', '"R"', "cameras[0].extrinsics.R may be by rows or by columns, expected a rotation vector W"),
+    ("t265", "3.141592653589793", "31.4", "cameras[0].extrinsics.W is [31.4, 0.0, 0.0], expected a rotation vector"),
+    ("t265", "-0.0625", "1.0", "left and right look swapped"),
+    ("t265", "0.03125,", "", "cameras[0].distortion.k has 3 numbers, expected 4"),
+    ("t265", '"extrinsics"', '"pose"', "lacks cameras[0].extrinsics, expected a mapping"),
+    ("t265", '"size_px"', '"size"', "holds no image size"),
     ("ros", "plumb_bob", "ocam", "left.distortion_model is 'ocam', expected one of plumb_bob, rational_polynomial, equidistant"),
     ("ros", "-45.05", "0.0", "is -0, expected a baseline, m,"),
     ("ros", "projection_matrix", "projection", "lacks left.projection_matrix"),
@@ -454,6 +461,24 @@ def test_stella_s_older_keys_are_read_as_its_newer_ones(tmp_path: Path) -> None:
 
 def read_calibration_of(folder: Path, text: str) -> object:
     return single(folder, text).cameras
+
+
+def test_the_cameras_of_a_t265_are_placed_by_their_poses_in_the_body(tmp_path: Path) -> None:
+    file = json.loads(FURTHER["t265"].files["c.json"])
+    angle = 2 * np.arctan2(0.14142135623730953, 0.98994949366116658)  # of the rotation (0.96, 0.28) about y
+    file["cameras"][0]["extrinsics"] |= {"T": [1.0, 2.0, 3.0], "W": [0.0, 0.0, 0.0]}
+    file["cameras"][1]["extrinsics"] |= {"T": [1.5, 2.0, 3.0], "W": [0.0, angle, 0.0]}
+    cameras = single(tmp_path, json.dumps(file)).cameras
+    assert isinstance(cameras, RawRig)
+    turned = np.array([[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]).T
+    np.testing.assert_allclose(cameras.matrix[:3, :3], turned, atol=1e-12)
+    np.testing.assert_allclose(cameras.matrix[:3, 3], turned @ (-0.5, 0, 0), atol=1e-12)
+
+
+def test_a_t265_without_sizes_takes_that_of_the_images(tmp_path: Path) -> None:
+    text = FURTHER["t265"].files["c.json"].replace("size_px", "note")
+    (tmp_path / "c.json").write_text(text)
+    assert read_calibration(tmp_path / "c.json", (640, 480)).origin["left.width"] == "given size"
 
 
 def test_the_cameras_of_basalt_are_placed_by_their_poses_in_the_body(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from hypothesis.extra import numpy as arrays
 from tspslam.datasets.synthetic.boards import render_board
 from tspslam.errors import InputError
 from tspslam.types import Camera
+from tspslam.vision.calibration import targets
 from tspslam.vision.calibration.targets import Charuco, Chessboard, Corners, aligned, detect
 
 from .boards import CAMERAS, CHARUCO, CHESSBOARD, SIZE, images, places, project
@@ -182,3 +183,27 @@ def test_a_lens_that_cannot_be_rendered_is_named():
     camera = Camera(300.0, 300.0, 32.0, 24.0, 64, 48, (0.5, 1.0), lens="eucm")
     with pytest.raises(InputError, match="lens is eucm"):
         render_board(CHESSBOARD, camera, places(count=1)[0])
+
+
+def test_a_large_image_without_a_board_is_done_with_at_half_its_size(monkeypatch):
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(0, 256, (60, 80)).astype(np.uint8)
+    image = cv2.resize(coarse, (1280, 960), interpolation=cv2.INTER_CUBIC)
+    looked, find = [], cv2.findChessboardCornersSB
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda grey, *more, **named: looked.append(grey.shape) or find(grey, *more, **named))  # fmt: skip
+    assert len(detect(CHESSBOARD, image)) == 0
+    assert looked == [(480, 640)]
+    looked.clear()
+    assert len(detect(CHESSBOARD, image[:480, :640])) == 0
+    assert looked == [(480, 640)]
+
+
+def test_a_blurred_board_in_a_large_image_is_still_found(monkeypatch):
+    """Where the detector of squares fails, half the size is enough to tell that there is a board."""
+    T = np.eye(4)
+    T[:3, 3] = -0.1, -0.06, 0.45
+    grey = render_board(CHESSBOARD, LEFT, T)
+    large = cv2.GaussianBlur(cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), (0, 0), 3)
+    monkeypatch.setattr(cv2, "findChessboardCorners", lambda *_, **__: (False, None))
+    assert targets._may_hold(large, (CHESSBOARD.columns, CHESSBOARD.rows))
+    assert len(detect(CHESSBOARD, large)) == CHESSBOARD.columns * CHESSBOARD.rows

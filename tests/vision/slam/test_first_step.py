@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tspslam.datasets import KittiSequence, open_sequence, synthetic
 from tspslam.datasets.synthetic import shapes
@@ -12,7 +13,7 @@ from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings, choose_pose, is_clear
 
-from ...datasets.standard import kitti_seq1, shared
+from ...datasets.standard import kitti_raw, kitti_seq1, shared
 from ...sequences import DETECTOR, RIG
 
 
@@ -34,9 +35,12 @@ def street(request):
     return synthetic.street(60.0, seed=request.param), (10, 40)[request.param]
 
 
-@pytest.mark.parametrize(("step", "turn"), [(0.0, 5.0), (0.6, 0.0), (1.0, 2.6), (3.0, 0.0), (3.0, 2.6), (3.0, 5.0)])
+@pytest.mark.parametrize(
+    ("step", "turn"),
+    [(0.0, 5.0), (0.0, 15.0), (0.6, 0.0), (1.0, 2.6), (1.0, 15.0), (2.0, 10.0), (3.0, 0.0), (3.0, 5.0), (3.0, 15.0)],
+)
 def test_the_first_step_of_a_street_is_found_however_long(street, step, turn):
-    """Errors are 0.012 m at most with other seeds too; 1.2 m of 3 were believed on 19 landmarks once."""
+    """Errors are 0.014 m at most with other seeds too; 1.2 m of 3 were believed on 19 landmarks once."""
     scene, start = street
     first = scene.path[start] @ turned(-2 * turn)
     move = turned(turn / 2) @ shapes.pose_at((0, 0, step), (0, 0, 0)) @ turned(turn / 2)
@@ -45,7 +49,64 @@ def test_the_first_step_of_a_street_is_found_however_long(street, step, turn):
     )
     _, error, tracked = first_step(list(sequence), sequence.truth)
     assert not tracked.is_lost
-    assert error < 0.05
+    assert error <= max(0.03 * step, 0.02)
+
+
+def test_a_path_does_not_depend_on_where_it_begins():
+    """Started at three frames, four steps agree with those of the whole run within the two covariances."""
+    scene = synthetic.street(20.0, seed=5)
+    pairs = list(synthetic.SyntheticSequence(scene, RIG, synthetic.Faults(noise=0.01, blur=0.5)))[:12]
+    path = odometry_of(pairs).trajectory.T_world_camera
+    for start in (3, 7):
+        odometry = odometry_of(pairs[start : start + 5])
+        there = np.linalg.inv(path[start]) @ path[start + 4]
+        off = twist(np.linalg.inv(there) @ odometry.trajectory.T_world_camera[4])
+        covariance = odometry.covariance_from_start(4)
+        assert off @ np.linalg.solve(2 * covariance, off) / 6 < 3.7  # 1 in 1 000 of chi-squared are larger
+        assert np.sqrt(np.trace(covariance[3:, 3:])) < 0.05 * 4  # and the covariance is of use
+
+
+def odometry_of(pairs):
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
+    for pair in pairs:
+        odometry.process(pair)
+    return odometry
+
+
+def twist(T):
+    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
+
+
+def test_the_first_keyframes_are_adjusted_as_soon_as_there_are_three(street):
+    scene, start = street
+    path = np.stack([scene.path[start] @ shapes.pose_at((0, 0, 2.0 * k), (0, 0, 0)) for k in range(8)])
+    sequence = synthetic.SyntheticSequence(replace(scene, path=path), RIG, synthetic.Faults(noise=0.01, blur=0.5))
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
+    for pair in sequence:
+        odometry.process(pair)
+        if len(odometry.map.keyframes) == 3:
+            break
+    assert len(odometry.map.keyframes) == 3
+    assert odometry.mapper.is_adjusting
+    before = odometry.map.xyz.copy()
+    odometry.mapper.join(odometry.path.pose)
+    moved = np.linalg.norm(odometry.map.xyz - before, axis=1) > 0
+    assert moved.mean() > 0.2
+
+
+@pytest.mark.parametrize("name", ["kitti_seq1", "kitti_05", "kitti_raw_0926"])
+def test_real_sequences_start_at_every_tenth_frame(name, tmp_path):
+    """Errors are up to 0.03 m, and those of the truth: 0.02 m a step, 0.3 of the raw drive's: so its median counts."""
+    sequence = {"kitti_seq1": kitti_seq1, "kitti_raw_0926": kitti_raw}.get(name, lambda _: shared(name))(tmp_path)
+    sequence, errors = open_sequence(sequence), []
+    for start in range(0, len(sequence) - 1, 10):
+        rows = [start, start + 1]
+        length, error, tracked = first_step([sequence[k] for k in rows], sequence.truth[rows], detector=None)
+        assert not tracked.is_lost, f"from {start}"
+        assert tracked.matches >= 0.2 * 500, f"from {start}"
+        errors.append(error / max(length, 0.5))
+    assert np.median(errors) < 0.06
+    assert name == "kitti_raw_0926" or max(errors) < 0.1
 
 
 @pytest.mark.parametrize("name", ["kitti_seq1", "kitti_05"])

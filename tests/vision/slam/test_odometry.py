@@ -11,7 +11,6 @@ from tspslam.datasets import synthetic
 from tspslam.vision.features.binary import binary_descriptors, match_descriptors
 from tspslam.vision.features.sift_brisk import SiftDetector
 from tspslam.vision.rig import project
-from tspslam.vision.slam.local_mapping import DisparityBias
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 from tspslam.vision.slam.pose import PoseEstimate, solve_pnp
 from tspslam.vision.slam.tracking import TrackingSettings, refine_pose
@@ -205,17 +204,3 @@ def test_real_descriptors_become_words_that_keep_what_is_near(size):
     bits = [np.bitwise_count(binary_descriptors(one) ^ other).sum(axis=1) for other in (near, far)]
     assert np.max(bits[0]) < 60 < np.min(bits[1])
     assert binary_descriptors(np.zeros((3, 61), np.uint8)).shape == (3, 8)
-
-
-def test_the_offset_is_the_weighed_mean_of_the_windows():
-    offset = DisparityBias(0.3, window=4)
-    assert (offset.value, offset.std) == (0.0, pytest.approx(0.3))
-    rng = np.random.default_rng(0)
-    for _ in range(400):
-        measured = 0.2 + rng.normal(0, 0.05)
-        information = 0.05**-2 + 0.3**-2  # a window begins at the same 0 ± 0.3
-        offset.update(measured * 0.05**-2 / information, information**-0.5)
-    assert offset.value == pytest.approx(0.2, abs=0.01)
-    assert offset.std == pytest.approx(0.05 * (4 / 400) ** 0.5, rel=0.05)
-    offset.update(5.0, 0.3)  # a window that saw nothing
-    assert offset.value == pytest.approx(0.2, abs=0.01)

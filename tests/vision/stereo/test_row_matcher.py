@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from tspslam.errors import InputError
 from tspslam.types import Features, Rig, StereoPair
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.images import grey_levels, smooth_plane
-from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher, median_and_spread, survey_disparities
+from tspslam.vision.stereo.descriptor_matcher import (
+    DescriptorMatcher,
+    median_and_spread,
+    survey_disparities,
+    widest_range,
+)
 from tspslam.vision.stereo.matches import find_supported
 from tspslam.vision.stereo.patches import Patches, measure_vertical_offsets, refine, search, shift_rows
 from tspslam.vision.stereo.row_matcher import RowMatcher
@@ -151,6 +157,26 @@ def test_matches_obey_the_limits(pair: StereoPair) -> None:
         assert len(disparity) > 20
         assert disparity.min() >= 12
         assert disparity.max() <= 30
+
+
+@pytest.mark.parametrize("matcher", [RowMatcher(), DescriptorMatcher()])
+def test_matches_keep_to_the_range_that_the_pair_knows(
+    pair: StereoPair, matcher: RowMatcher | DescriptorMatcher
+) -> None:
+    known = replace(pair, disparity_range=(12.0, 30.0))
+    every, inside = (matcher(*detect(pair), each).disparity for each in (pair, known))
+    assert every.min() < 12 < 30 < every.max()
+    assert len(inside) > 20
+    assert 12 <= inside.min() < inside.max() <= 30
+
+
+def test_limits_of_the_matcher_go_before_the_range_of_the_pair(pair: StereoPair) -> None:
+    known = replace(pair, disparity_range=(12.0, 30.0))
+    assert widest_range(known, 5.0, 60.0) == (5, 60)
+    assert widest_range(known, None, 60.0) == (12, 60)
+    assert widest_range(known, 5.0, None) == (5, 30)
+    assert widest_range(known, 40.0, None) == (40, 40 + widest_range(pair, 0.0, None)[1])
+    assert widest_range(replace(known, disparity_range=(-500.0, 30.0)), None, None) == (-pair.rig.doffs, 30)
 
 
 def test_search_finds_whole_shifts_in_both_directions() -> None:

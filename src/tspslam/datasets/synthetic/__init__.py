@@ -31,8 +31,11 @@ from .shapes import plane as plane
 from .shapes import sphere as sphere
 from .shapes import torus as torus
 from .texture import Texture as Texture
+from .town import town as town
+from .town import town_path as town_path
 
 __all__ = [
     "PAPER_RIG", "Echoes", "Faults", "Geometry", "RawSequence", "Scanner", "Scene", "Shape", "SyntheticSequence",
     "Texture", "box", "corridor", "plane", "room", "scan", "sphere", "still", "street", "torus",
+    "town", "town_path",
 ]  # fmt: skip

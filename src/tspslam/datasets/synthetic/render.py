@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..._brief import Brief
 from ...types import FloatArray, Rig
+from ._frustum import Corners
 from .shapes import Scene, Shape
 from .texture import leaves, pyramid
 
@@ -65,6 +66,7 @@ class Renderer:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._triangles = triangles(scene)
+        self._corners = Corners(scene)
 
     def geometry(self, rig: Rig, pose: FloatArray, stamp: float) -> Geometry:
         """Truth for the left camera at a pose.
@@ -82,14 +84,16 @@ class Renderer:
         -------
         Geometry
         """
-        corners = self._corners(pose, stamp)
+        chosen, corners = self._corners.seen(rig, rig.cx, pose, stamp)
         owner, nearness, _ = _cast(corners, _lens(rig, rig.cx), np.zeros((rig.height, rig.width), bool))
         hit = owner >= 0
         depth = np.where(hit, 1 / np.where(hit, nearness, 1), np.nan)
-        normal = np.where(hit[..., None], _normals(corners)[owner], np.nan)
+        normal = np.full((*owner.shape, 3), np.nan)
+        normal[hit] = _normals(corners)[owner[hit]]
         ray = _rays(rig)
         normal *= np.where((normal * ray).sum(axis=-1, keepdims=True) > 0, -1.0, 1.0)
-        label = np.where(hit, self._triangles.shape[owner] + 1, 0).astype(np.int32)
+        label = np.zeros(owner.shape, np.int32)
+        label[hit] = self._triangles.shape[chosen[owner[hit]]] + 1
         return Geometry(depth, normal, label, rig.fx * rig.baseline / depth - rig.doffs)
 
     def image(self, rig: Rig, pose: FloatArray, stamp: float, cx: float) -> FloatArray:
@@ -115,10 +119,11 @@ class Renderer:
         """
         from ._kernels import shade
 
-        corners, lens, parts = self._corners(pose, stamp), _lens(rig, cx), self._triangles
+        chosen, corners = self._corners.seen(rig, cx, pose, stamp)
+        lens, parts = _lens(rig, cx), self._triangles
         owner, nearness, pixels = _cast(corners, lens, np.zeros((rig.height, rig.width), bool))
-        edges = _edges(np.where(owner >= 0, parts.part[owner], -1), nearness)
-        paint = (parts.coordinates, parts.paint, parts.looks, parts.texels, parts.levels)
+        edges = _edges(np.append(parts.part[chosen], -1).astype(np.int32)[owner], nearness)  # -1: background
+        paint = (parts.coordinates[chosen], parts.paint[chosen], parts.looks, parts.texels, parts.levels)
         image = np.full(owner.shape, self._scene.background)
         shade(pixels, owner.reshape(-1, 1), lens, corners, *paint, image.reshape(-1, 1))
         if edges.any():
@@ -127,12 +132,6 @@ class Renderer:
             shade(pixels, owner, lens, corners, *paint, values)
             image[edges] = values.mean(axis=1)
         return image
-
-    def _corners(self, pose: FloatArray, stamp: float) -> FloatArray:
-        """(F, 3, 3) corners of all triangles in the camera's frame."""
-        R, t = pose[:3, :3], pose[:3, 3]
-        shapes = self._scene.shapes
-        return np.concatenate([((shape.world_vertices(stamp) - t) @ R)[shape.faces] for shape in shapes])
 
 
 @lru_cache(maxsize=4)
@@ -227,7 +226,7 @@ def _cast(
     slot.reshape(-1)[chosen] = np.arange(len(chosen))
     nearness = np.zeros((len(chosen), len(offsets)))
     owner = np.full(nearness.shape, -1, np.int32)
-    cast(corners, lens, slot, offsets, nearness, owner)
+    cast(corners, np.argsort(corners[..., 2].min(axis=1)), lens, slot, offsets, nearness, owner)
     v, u = np.divmod(chosen, edges.shape[1])
     pixels = np.stack([u, v], axis=1)[:, None] + offsets
     if inner:

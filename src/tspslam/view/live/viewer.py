@@ -24,7 +24,7 @@ from ._stage import SWITCHES, Stage
 from .world import State, Station, World
 
 PORT = 8080
-PICTURES = 40  # keyframes with their image in the scene, evenly chosen
+PICTURES = 40  # keyframes with their image in the scene at most, evenly chosen
 PATCHES = 6  # of what was clicked
 _PLAY = 0.1  # s a frame
 _IDLE = 0.3  # s: how long a viewer without work sleeps
@@ -134,7 +134,7 @@ class Viewer:
             job()
         if self._panel.play.value and time.monotonic() >= self._due:
             self._step()
-        if not jobs:
+        if not jobs and self.is_watched:
             self._add_picture()
 
     def show(self, world: World) -> None:
@@ -177,11 +177,16 @@ class Viewer:
             The frame.
         """
         self._rig = shot.rig
-        if self._panel.follow.value and self._world.is_live and self._server.get_clients():
+        if self._panel.follow.value and self._world.is_live and self.is_watched:
             pixels = pixels_of(shot.jpeg)
             self._stage.draw_now(shot.T_world_camera, shot.rig, None)
             self._stage.look_along(shot.T_world_camera)
             self._panel.show_now(shot.number, shot.state, shot.number, pixels)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page is open."""
+        return bool(self._server.get_clients())
 
     def close(self) -> None:
         """Stop serving."""
@@ -303,11 +308,13 @@ class Viewer:
     def _chosen_keyframes(self) -> list[Station]:
         stored = set(self._world.stored)
         keyframes = [each for each in self._world.stations if each.state == "keyframe" and each.number in stored]
-        rows = np.unique(np.linspace(0, len(keyframes) - 1, min(PICTURES, len(keyframes))).round().astype(int))
-        return [keyframes[row] for row in rows.tolist()] if keyframes else []
+        step = 1
+        while len(keyframes) > PICTURES * step:
+            step *= 2  # so that those chosen before stay, while a run goes on
+        return keyframes[::step]
 
     def _due_pictures(self) -> bool:
-        return any(each.number not in self._pictures for each in self._chosen_keyframes())
+        return self.is_watched and any(each.number not in self._pictures for each in self._chosen_keyframes())
 
     def _drop_pictures(self, numbers: Set[int]) -> None:
         for number in numbers:

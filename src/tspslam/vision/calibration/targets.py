@@ -19,6 +19,7 @@ _LENGTHS = (1e-4, 10.0)  # m, of a square
 LEAST_CORNERS = 6
 """Corners of a view: four give a homography, two more show whether it holds."""
 _LEAST_SIDE = 15  # px, that OpenCV's detectors take: squares of a smaller image could not be told anyway
+_GLANCED_AT = 640  # px: larger images are looked at in half their size, but no smaller, before the slow detector
 _FOUND_AT = 1600  # px: larger images are searched at this size, and their corners refined at their own
 _HALF = 0.4  # of the distance of neighbouring corners: the window of refinement has no other corner in it
 _NARROWEST = 2.5  # px: a window that has less white around it cannot tell a corner from its markers
@@ -354,19 +355,32 @@ def _has_pose(board: Charuco, ids: NDArray[np.int64]) -> bool:
 
 
 def _find_chessboard(board: Chessboard, grey: NDArray[np.uint8]) -> tuple[NDArray[np.int64], FloatArray] | None:
-    """By OpenCV's two detectors: that of squares, and where it fails that of saddle points."""
+    """By OpenCV's two detectors: that of squares, and where it fails that of saddle points, if half the size has some.
+
+    Most pairs of a recording show no board, and the second detector takes longest to find that.
+    """
     import cv2
 
     size = (board.columns, board.rows)
     by_squares = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     by_saddles = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     is_found, uv = cv2.findChessboardCorners(grey, size, flags=by_squares)
-    if not is_found:
+    if not is_found and _may_hold(grey, size):
         is_found, uv = cv2.findChessboardCornersSB(grey, size, flags=by_saddles)
     if not is_found or uv is None or uv.size != 2 * board.columns * board.rows:
         return None
     grid = np.asarray(uv, np.float64).reshape(board.rows, board.columns, 2)
     return np.arange(board.columns * board.rows), _unmirrored(grid).reshape(-1, 2)
+
+
+def _may_hold(grey: NDArray[np.uint8], size: tuple[int, int]) -> bool:
+    """Whether a quick look at half the size finds a chessboard, where the image is large enough for one."""
+    import cv2
+
+    scale = max(0.5, _GLANCED_AT / max(grey.shape))
+    if scale >= 1:
+        return True
+    return bool(cv2.findChessboardCornersSB(_scaled(grey, scale), size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0])
 
 
 def _unmirrored(grid: FloatArray) -> FloatArray:

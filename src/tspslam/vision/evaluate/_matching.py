@@ -61,6 +61,10 @@ class Overlap(Brief):
     def warnings(self) -> tuple[str, ...]:
         """What to say where less than half is compared."""
         found = []
+        known, unknown = len(self.estimate.stamps), self.estimate.unknown
+        if unknown > known:
+            said = f"{unknown} of {known + unknown} poses of the estimated path are NaN"
+            found.append(f"{said}: the errors are those of the {known} others, and say little")
         paths = ("estimated", self.estimate, self.own), ("true", self.truth, self.other)
         for name, path, at in paths:
             share = self.density * self.span_of(path, at)

@@ -96,6 +96,11 @@ class TrajectoryErrors(Brief):
     estimate: FloatArray
     reference: FloatArray
 
+    @property
+    def is_mostly_unknown(self) -> bool:
+        """Whether most poses of the estimate are NaN: the figures say little, and ``eval`` ends as degraded."""
+        return self.unknown > self.total
+
 
 def evaluate_trajectory(
     estimate: Trajectory,

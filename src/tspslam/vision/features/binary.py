@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,27 +35,6 @@ def binary_descriptors(descriptor: NDArray[np.uint8] | NDArray[np.float32]) -> D
     return np.packbits(descriptor.astype(np.float64) @ axes > 0, axis=1).view(np.uint64)
 
 
-def nearest_descriptors(first: Descriptors, second: Descriptors, *, max_hamming: float) -> NDArray[np.int64]:
-    """Find which rows of the second descriptors are the nearest to some of the first.
-
-    Parameters
-    ----------
-    first, second : (N, P), (M, P) uint64
-        Binary descriptors.
-    max_hamming : float
-        Largest distance, bits in 256; longer descriptors in proportion.
-
-    Returns
-    -------
-    (K,) int64
-        Rows of `second`, one for each row of `first` that has one near enough.
-    """
-    if not _are_comparable(first, second, 1):
-        return np.empty(0, np.int64)
-    found = _matcher().match(first.view(np.uint8), second.view(np.uint8))
-    return np.array([one.trainIdx for one in found if one.distance <= _farthest(first, max_hamming)], np.int64)
-
-
 def match_descriptors(
     first: Descriptors, second: Descriptors, *, max_hamming: float, ratio: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -77,25 +54,12 @@ def match_descriptors(
     i, j : (K,) int64
         Rows of `first` and of `second`.
     """
-    if not _are_comparable(first, second, 2):
+    if min(len(first), len(second)) < 2 or first.shape[1] == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    one, other, most = first.view(np.uint8), second.view(np.uint8), _farthest(first, max_hamming)
-    back = {(match.trainIdx, match.queryIdx) for match in _matcher().match(other, one)}
-    forth = [best for best, next_ in _matcher().knnMatch(one, other, k=2) if best.distance <= ratio * next_.distance]
-    pairs = [(match.queryIdx, match.trainIdx) for match in forth if match.distance <= most]
-    i, j = np.array([pair for pair in pairs if pair in back], np.int64).reshape(-1, 2).T
-    return i, j
+    from ._hamming import nearest_both_ways
 
-
-def _are_comparable(first: Descriptors, second: Descriptors, least: int) -> bool:
-    return min(len(first), len(second)) >= least and first.shape[1] > 0
-
-
-def _matcher() -> Any:
-    import cv2
-
-    return cv2.BFMatcher(cv2.NORM_HAMMING)
-
-
-def _farthest(descriptors: Descriptors, max_hamming: float) -> float:
-    return max_hamming * descriptors.shape[1] / 4
+    nearest, bits, back = (np.empty(shape, np.int64) for shape in (len(first), (len(first), 2), len(second)))
+    nearest_both_ways(np.ascontiguousarray(first), np.ascontiguousarray(second), nearest, bits, back)
+    is_clear = bits[:, 0] <= np.minimum(ratio * bits[:, 1], max_hamming * first.shape[1] / 4)
+    i = np.flatnonzero(is_clear & (back[nearest] == np.arange(len(first))))
+    return i, nearest[i]

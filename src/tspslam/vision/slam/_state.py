@@ -19,13 +19,16 @@ from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
-# were merged, c loops, d 64-bit parts of a descriptor.
+# were merged, c loops, l landmarks of the loop that is being closed, q keyframes that are not settled, d 64-bit parts
+# of a descriptor.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
     "anchored": ("<f8", ("t", 4, 4)),
+    "links": ("<i8", ("t",)),
+    "linked": ("<f8", ("t", 6, 6)),
     "poses": ("<f8", (2, 4, 4)),
-    "counts": ("<i8", (4,)),
+    "counts": ("<i8", (5,)),
     "closures": ("<i8", ("c", 2)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
@@ -42,9 +45,12 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "merged": ("<i8", ("r", 2)),
     "descriptors": ("<u8", ("n", "d")),
     "bias": ("<f8", (2,)),
-    "has_new_loop": ("|b1", ()),
+    "loop_pose": ("<f8", (4, 4)),
+    "loop_landmark": ("<i8", ("l",)),
+    "loop_seen": ("<f8", ("l", 4)),
+    "unsettled": ("<i8", ("q",)),
 }
-_MAY_BE_NAN = frozenset({"disparity"})
+_MAY_BE_NAN = frozenset({"disparity", "linked", "loop_seen"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
@@ -71,18 +77,32 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
     -------
     dict of arrays
     """
-    frames = map_.keyframes
-    return map_.observations() | {
+    frames, gaps = map_.keyframes, map_.gaps
+    columns = map_.observations()
+    row = np.cumsum(np.bincount(gaps, minlength=len(map_.xyz)) == 0) - 1  # without the gaps
+    return columns | {
+        "landmark": row[columns["landmark"]],
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
         "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
-        "xyz": map_.xyz,
-        "descriptors": map_.descriptors,
-        "landmark_id": map_.landmark_id,
+        "xyz": np.delete(map_.xyz, gaps, axis=0),
+        "descriptors": np.delete(map_.descriptors, gaps, axis=0),
+        "landmark_id": np.delete(map_.landmark_id, gaps, axis=0),
         "next_id": np.array(map_.next_id),
         "merged": map_.merged,
-        "has_new_loop": np.array(map_.has_new_loop),
+        **_loop_state(map_),
+    }
+
+
+def _loop_state(map_: Map) -> dict[str, NDArray[Any]]:
+    """The loop that is being closed, and what earlier ones have left to adjust."""
+    loop = map_.loop
+    return {
+        "loop_pose": np.eye(4) if loop is None else loop.T_world_camera,
+        "loop_landmark": np.empty(0, np.int64) if loop is None else loop.landmark,
+        "loop_seen": np.empty((0, 4)) if loop is None else np.column_stack([loop.uv, loop.disparity, loop.sigma]),
+        "unsettled": np.array(sorted(map_.unsettled), np.int64),
     }
 
 
@@ -102,7 +122,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
     map_.xyz, map_.descriptors = state["xyz"], state["descriptors"]
     map_.landmark_id, map_.next_id = state["landmark_id"], int(state["next_id"])
     map_.merged = state["merged"]
-    map_.has_new_loop = bool(state["has_new_loop"])
+    map_.unsettled = set(state["unsettled"].tolist())
     ends = np.cumsum(state["keyframe_observations"])
     map_.keyframes = []
     for k, index in enumerate(state["keyframe_index"].tolist()):
@@ -112,6 +132,11 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
         landmark, uv, disparity, sigma = (state[name][rows] for name in ("landmark", "uv", "disparity", "sigma"))
         T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
         map_.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity, sigma, is_start))
+    if len(state["loop_landmark"]):
+        u, v, disparity, sigma = state["loop_seen"].T.copy()
+        T, landmark, uv = state["loop_pose"], state["loop_landmark"], np.column_stack([u, v])
+        map_.loop = Keyframe(map_.keyframes[-1].index, T, None, landmark, uv, disparity, sigma)
+    map_.note_sightings()
 
 
 def check_state(state: Mapping[str, NDArray[Any]], rig: Rig) -> None:
@@ -139,6 +164,7 @@ def _faults(state: Arrays, rig: Rig) -> Iterator[str]:
     yield from _wild_numbers(state, rig)
     yield from _wrong_numbers_of_frames(state, rig)
     yield from _wrong_observations(state, rig)
+    yield from _wrong_loop(state)
     yield from _wrong_ids(state)
     yield from _broken_path(state, rig)
     yield from _landmarks_elsewhere(state, rig)
@@ -157,7 +183,7 @@ def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
         values, most = state[name], _LATEST if name == "stamps" else _LARGEST
         if kind == "<f8" and not ((np.abs(values) < most) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
             yield f"array {name} holds a value that is not finite or too large"
-    for name in ("anchored", "poses", "keyframe_pose"):
+    for name in ("anchored", "poses", "keyframe_pose", "loop_pose"):
         if not is_rigid(state[name]):
             yield f"array {name} holds a pose that is no rigid motion"
     offset, information = state["bias"]
@@ -175,8 +201,13 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a keyframe is no frame"
     if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
         yield "a frame hangs on no keyframe"
-    wanted, lost, unsolved, asked = state["counts"].tolist()
-    if not (0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1):
+    links = state["links"]
+    if (links < 0).any() or (links[1:] >= np.arange(1, count)).any() or links[:1].any():
+        yield "a frame was located against one that is not before it"
+    wanted, lost, unsolved, asked, unplaced = state["counts"].tolist()
+    if not (
+        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1 and 0 <= unplaced <= lost
+    ):
         yield "a count is negative or too large"
     if max(lost, unsolved, len(state["closures"])) > count:
         yield "more was lost or closed than there are frames"
@@ -200,6 +231,16 @@ def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a landmark is seen outside the image"
     if not (state["sigma"] > 0).all():
         yield "a disparity has no spread"
+
+
+def _wrong_loop(state: Arrays) -> Iterator[str]:
+    landmark, (u, v, _, sigma) = state["loop_landmark"], state["loop_seen"].T
+    if not ((landmark >= 0) & (landmark < state["next_id"])).all():
+        yield "a loop is closed by a landmark that never was"
+    if len(np.unique(landmark)) < len(landmark) or not (len(state["keyframe_index"]) > 1 or not landmark.size):
+        yield "a loop is closed by a landmark twice, or to no keyframe"
+    if np.isnan(u).any() or np.isnan(v).any() or not (sigma > 0).all():
+        yield "a loop is closed by a landmark that is seen nowhere"
 
 
 def _wrong_ids(state: Arrays) -> Iterator[str]:

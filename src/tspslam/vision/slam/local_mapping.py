@@ -2,187 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._threads import Worker
-from ...errors import GeometryError
-from ...types import BoolArray, FloatArray, Rig
+from ...types import FloatArray
 from ..features.binary import binary_descriptors
 from ..images import PreparedPair, Pyramid
 from ..se3 import inverse, normalised
 from ..stereo.reconstruct import Stereo
-from .keyframes.keyframe import Keyframe, Keypoints
+from .back_end.adjustment_problem import collect_problem
+from .back_end.disparity_bias import DisparityBias
+from .back_end.jobs import AdjustmentJob, ClosedLoop, collect_job, copy_map, solve_loop
+from .back_end.loop_correction import note_loop, prepare
+from .back_end.sweeping import sweep_map
+from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
-from .least_squares.bundle import Adjustment, Observations, adjust
-from .places.loop_closing import PlaceRecognition, distribute_loop_error
+from .least_squares.bundle import Adjustment
+from .new_landmarks import follow_offset
+from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import spread_of
-
-
-class DisparityBias:
-    """The offset that all disparities have in common, measured less true, px: what windows of keyframes say, weighed.
-
-    Windows share keyframes, so each counts for its share only. Before the first one the offset is 0 ± `sigma`.
-
-    Parameters
-    ----------
-    sigma : float
-        Standard deviation before anything is seen, px.
-    window : int
-        Keyframes in a window.
-
-    Attributes
-    ----------
-    value : float
-        The offset, px.
-    """
-
-    def __init__(self, sigma: float, window: int) -> None:
-        self.sigma, self._window = sigma, window
-        self.value, self._information = 0.0, sigma**-2.0
-
-    @property
-    def std(self) -> float:
-        """Its standard deviation, px."""
-        return float(self._information**-0.5)
-
-    def correct(self, rig: Rig) -> Rig:
-        """Make cameras whose disparities are those that are measured: the one place where the offset is applied.
-
-        Parameters
-        ----------
-        rig : Rig
-            As calibrated.
-
-        Returns
-        -------
-        Rig
-            With ``doffs`` less the offset.
-        """
-        return replace(rig, doffs=rig.doffs - self.value)
-
-    def settle(self, offset: float, std: float) -> None:
-        """Take over what all keyframes together say.
-
-        Parameters
-        ----------
-        offset, std : float
-            The offset and its standard deviation, px.
-        """
-        self.value, self._information = offset, std**-2.0
-
-    @property
-    def state(self) -> tuple[float, float]:
-        """Value and information."""
-        return self.value, self._information
-
-    @state.setter
-    def state(self, state: tuple[float, float]) -> None:
-        """Take them over."""
-        self.value, self._information = state
-
-    def update(self, offset: float, std: float) -> None:
-        """Weigh in what a window found, which began at the same 0 ± `sigma`.
-
-        Parameters
-        ----------
-        offset, std : float
-            The offset and its standard deviation, px.
-        """
-        own = std**-2.0 - self.sigma**-2.0
-        if own <= 0:
-            return
-        measured, weight = offset * std**-2.0 / own, own / self._window
-        self._information += weight
-        self.value += (measured - self.value) * weight / self._information
-
-
-@dataclass(frozen=True)
-class AdjustmentProblem:
-    """Keyframes and landmarks of a map to adjust, copied, so that the map can be used meanwhile.
-
-    Attributes
-    ----------
-    frames : tuple of Keyframe
-        K keyframes.
-    fixed : (K,) bool
-        Those whose poses stay.
-    rows : (P,) int64
-        Landmarks.
-    xyz : (P, 3) float64
-        Where they are, m.
-    used : (O,) int64
-        Rows of all observations of the keyframes, one keyframe after another, that are of these landmarks.
-    seen : Observations
-        These.
-    """
-
-    frames: tuple[Keyframe, ...]
-    fixed: BoolArray
-    rows: NDArray[np.int64]
-    xyz: FloatArray
-    used: NDArray[np.int64]
-    seen: Observations
-
-    def solve(self, rig: Rig, offset: float, offset_sigma: float, max_steps: int) -> Adjustment:
-        """Adjust the keyframes, the landmarks and the offset of the disparities.
-
-        Parameters
-        ----------
-        rig : Rig
-            The cameras as calibrated.
-        offset, offset_sigma : float
-            Offset to start from, and its standard deviation before anything is seen, px.
-        max_steps : int
-            Steps at most.
-
-        Returns
-        -------
-        Adjustment
-
-        Raises
-        ------
-        GeometryError
-            If the observations do not fix the keyframes.
-        """
-        T = np.stack([frame.T_world_camera for frame in self.frames])
-        return adjust(
-            rig, T, self.xyz, self.seen, fixed=self.fixed, max_steps=max_steps, offset=offset, offset_sigma=offset_sigma
-        )
-
-    def inliers(self, found: Adjustment, outlier: float) -> dict[int, tuple[int, BoolArray]]:
-        """Tell which observations of each keyframe stay.
-
-        Parameters
-        ----------
-        found : Adjustment
-            What `solve` gave.
-        outlier : float
-            Standard deviations beyond which an observation goes.
-
-        Returns
-        -------
-        dict of int to (int, (K,) bool)
-            By the number of each frame: its row in the adjustment, and which of its observations stay.
-        """
-        ends = np.cumsum([len(frame.landmark) for frame in self.frames])
-        good = np.ones(ends[-1], np.bool_)
-        good[self.used[found.distance > outlier]] = False
-        parts = np.split(good, ends[:-1])
-        return {frame.index: (k, part) for k, (frame, part) in enumerate(zip(self.frames, parts, strict=True))}
 
 
 class LocalMapper:
     """Adds keyframes to a map and keeps it adjusted.
 
     After each keyframe the last ones are adjusted in a thread, together with what they saw, held by older ones, and
-    with the offset that all disparities have in common; after a loop, the whole map. The result counts when it is
-    joined, at frames that do not depend on how fast the thread is.
+    with the offset that all disparities have in common. Where a loop was closed, a graph of all poses takes out its
+    error in the same thread; then, with each keyframe, a piece of the map is adjusted beside the last keyframes, until
+    all that has moved is settled. Results count when they are joined, at frames that do not depend on how fast the
+    thread is.
 
     Parameters
     ----------
@@ -213,12 +67,14 @@ class LocalMapper:
         self.expected = self.unsolved = 0
         self.closures: list[tuple[int, int]] = []
         self._worker = Worker()
-        self._asked: tuple[AdjustmentProblem, Future[Adjustment]] | None = None
+        self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
+        self._closing: Future[ClosedLoop | None] | None = None
+        self._is_prepared = False  # to close loops
 
     @property
     def is_adjusting(self) -> bool:
         """Whether an adjustment is under way."""
-        return self._asked is not None
+        return self._asked is not None or self._closing is not None
 
     def add_keyframe(
         self, index: int, images: PreparedPair, T_world_camera: FloatArray, estimate: PoseEstimate | None,
@@ -252,49 +108,63 @@ class LocalMapper:
         def spread(uv: FloatArray) -> FloatArray:
             return spread_of(images, uv, self.sigma_disparity)
 
+        loop = None
         if estimate is not None:
-            estimate = self._close_loop(
-                index, image.pyramid, replace(estimate, T_world_camera=T), keypoints, measure, spread
-            )
+            estimate = replace(estimate, T_world_camera=T)
+            estimate, loop = self._find_loop(index, image.pyramid, estimate, keypoints, measure, spread)
             T = estimate.T_world_camera
         self.map.add(index, T, (image.pyramid, np.array(image.grey)), estimate, keypoints, spread)
+        if loop is not None:
+            note_loop(self.map, *loop, spread)
         self.expected = len(self.map.keyframes[-1].landmark)
         self.start_adjustment()
+        if len(self.map.keyframes) > self.map.window and not self._is_prepared:
+            self._is_prepared = True
+            self._worker.submit(prepare)
         return T
 
-    def _close_loop(
+    def _find_loop(
         self, index: int, image: Pyramid, estimate: PoseEstimate, keypoints: Keypoints,
         measure: Callable[[PoseEstimate], FloatArray], spread: Callable[[FloatArray], FloatArray],
-    ) -> PoseEstimate:  # fmt: skip
-        """The estimate with what is seen again of old places; where the map has drifted, the error is distributed."""
-        T = estimate.T_world_camera
+    ) -> tuple[PoseEstimate, tuple[PoseEstimate, NDArray[np.int64]] | None]:  # fmt: skip
+        """The estimate with what is seen again of old places; where the map has drifted, that apart."""
         loop = self._places.detect_loop(image, estimate, keypoints.uv, keypoints.descriptors)
         if loop is None:
-            return estimate
+            return estimate, None
         again = replace(loop.estimate, disparity=measure(loop.estimate))
-        if loop.drift > self._places.loops.min_error:
-            distribute_loop_error(self.map, loop.place, normalised(again.T_world_camera @ inverse(T)), T)
-            T = again.T_world_camera
-            self.closures.append((index, self.map.keyframes[loop.place].index))
-        return self._places.merge_observations(again, replace(estimate, T_world_camera=T), spread)
+        if loop.drift <= self._places.loops.min_error:
+            return self._places.merge_observations(again, estimate, spread), None
+        self.closures.append((index, self.map.keyframes[loop.place].index))
+        return estimate, (again, self.map.landmark_id[again.landmark])
 
     def start_adjustment(self) -> None:
-        """Have the last keyframes adjusted, or all where a loop was closed."""
-        map_ = self.map
-        is_whole = map_.has_new_loop and len(map_.keyframes) <= map_.settings.max_keyframes
-        problem = collect_problem(map_, self._sigma_uv, is_whole=is_whole)
-        self._asked = None if problem is None else (problem, self._worker.submit(problem.solve, *self._given))
+        """Have the last keyframes adjusted, and a loop closed or a piece of the map that one has moved adjusted."""
+        map_, worker = self.map, self._worker
+        job = self._collect(map_)
+        asked = None if job is None else worker.submit(job.solve)
+        self._asked = None if job is None or asked is None else (job, asked)
+        self._closing = None
+        if map_.loop is not None:
+            same, uv = self._places.loops.same_landmark, self._sigma_uv
+
+            def before(copy: Map) -> None:
+                found = asked and asked.result()
+                if job and found:
+                    job.apply(copy, found)
+
+            self._closing = worker.submit(
+                lambda copy: solve_loop(copy, before, self._collect, sigma_uv=uv, same_landmark=same), copy_map(map_)
+            )
+
+    def _collect(self, map_: Map) -> AdjustmentJob | None:
+        return collect_job(map_, self._sigma_uv, self._rig, *self.bias.prior)
 
     @property
     def _sigma_uv(self) -> float:
         return self._places.tracking.sigma_uv
 
-    @property
-    def _given(self) -> tuple[Rig, float, float, int]:
-        return self._rig, self.bias.value, self.bias.sigma, self.map.settings.max_steps
-
     def join(self, T_world_camera: FloatArray) -> FloatArray:
-        """Wait for the adjustment under way, if any, and take it over.
+        """Wait for what is under way, if anything, and take it over.
 
         Parameters
         ----------
@@ -306,21 +176,45 @@ class LocalMapper:
         (4, 4) float64
             The same, moved with the last keyframe.
         """
-        if self._asked is None:
+        if not self.is_adjusting:
             return T_world_camera
-        (problem, asked), self._asked = self._asked, None
-        try:
-            found = asked.result()
-        except GeometryError:  # what was seen does not fix the keyframes: they stay
+        (asked, self._asked), (closing, self._closing) = (self._asked, None), (self._closing, None)
+        before = self.map.keyframes[-1].T_world_camera
+        if closing is not None:
+            closing.result()  # it has the offset of the disparities as it was
+        if asked is not None:
+            self._take_over(asked[0], asked[1].result())
+        if closing is not None:
+            self._take_over_loop(closing.result())
+        return self._moved(T_world_camera, before)
+
+    def _take_over(self, job: AdjustmentJob, found: Adjustment | None) -> None:
+        """Take over an adjustment; where what was seen does not fix the keyframes, they stay."""
+        if found is None:
+            self.map.unsettled.difference_update(job.problem.moving)
             self.unsolved += 1
-            return T_world_camera
-        finally:
-            self.map.has_new_loop = False
-        self.bias.update(found.offset, found.offset_std)
-        return self._apply(problem, found, T_world_camera)
+            return
+        if job.offset_sigma is not None:
+            self.bias.update(found.offset, found.offset_std)
+        self._apply(job, found)
+
+    def _apply(self, job: AdjustmentJob, found: Adjustment) -> None:
+        """Take over poses, landmarks and the offset of the disparities."""
+        map_, rig = self.map, self.map.rig
+        job.apply(map_, found)
+        map_.rig = self.bias.correct(self._rig)
+        follow_offset(map_, np.searchsorted(map_.landmark_id, job.problem.landmark_id), rig)
+
+    def _take_over_loop(self, closed: ClosedLoop | None) -> None:
+        """Close the loop, or leave the map as it is if there is no solution."""
+        if closed is None:
+            self.map.loop = None
+            self.unsolved += 1
+        else:
+            closed.apply(self.map, self._places.loops.same_landmark)
 
     def finish(self, T_world_camera: FloatArray) -> FloatArray:
-        """Take over the adjustment under way, then adjust all keyframes but the first; maps of very many stay.
+        """Take over what is under way, then adjust all keyframes but the first: at once, or piece by piece if many.
 
         Parameters
         ----------
@@ -333,24 +227,32 @@ class LocalMapper:
             The same, moved with the last keyframe.
         """
         T, map_ = self.join(T_world_camera), self.map
-        if not 2 <= len(map_.keyframes) <= map_.settings.max_keyframes:
+        if len(map_.keyframes) < 2:
             return T
-        problem = collect_problem(map_, self._sigma_uv, is_whole=True)
-        if problem is None:
-            return T
-        try:
-            found = problem.solve(*self._given)
-        except GeometryError:
-            self.unsolved += 1
-            return T
-        self.bias.settle(found.offset, found.offset_std)
-        return self._apply(problem, found, T)
+        before = map_.keyframes[-1].T_world_camera
+        if len(map_.keyframes) <= map_.settings.max_keyframes:
+            self._adjust_all()
+        else:
+            self.unsolved += sweep_map(map_, self._sigma_uv, self._rig, self.bias.prior[0])
+        map_.unsettled.clear()
+        return self._moved(T, before)
 
-    def _apply(self, problem: AdjustmentProblem, found: Adjustment, T: FloatArray) -> FloatArray:
-        """Take over an adjustment; returns the pose T, moved with the last keyframe."""
-        before = self.map.keyframes[-1].T_world_camera
-        self.map.apply(problem.rows, found, problem.inliers(found, self.map.settings.outlier))
-        self.map.rig = self.bias.correct(self._rig)
+    def _adjust_all(self) -> None:
+        """Adjust all keyframes but the first, and the offset of the disparities."""
+        map_, bias, settings = self.map, self.bias, self.map.settings
+        problem = collect_problem(map_, range(1, len(map_.keyframes)), self._sigma_uv)
+        if problem is None:
+            return
+        job = AdjustmentJob(problem, self._rig, *bias.prior, settings.max_steps, settings.outlier)
+        found = job.solve()
+        if found is None:
+            self.unsolved += 1
+            return
+        bias.settle(found.offset, found.offset_std)
+        self._apply(job, found)
+
+    def _moved(self, T: FloatArray, before: FloatArray) -> FloatArray:
+        """The pose T, moved with the last keyframe, which was at `before`."""
         return normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ T)
 
     def restore_bias(self, state: tuple[float, float]) -> None:
@@ -367,54 +269,3 @@ class LocalMapper:
     def close(self) -> None:
         """Let the thread go."""
         self._worker.close()
-
-
-def collect_problem(map_: Map, sigma_uv: float, *, is_whole: bool) -> AdjustmentProblem | None:
-    """Collect what to adjust: the last keyframes and what they saw, held by the older ones that see it too, or all.
-
-    Parameters
-    ----------
-    map_ : Map
-        Keyframes and landmarks.
-    sigma_uv : float
-        Standard deviation of a tracked point, px.
-    is_whole : bool
-        All keyframes, the first of which stays, and all landmarks.
-
-    Returns
-    -------
-    AdjustmentProblem or None
-        None where there is too little to adjust.
-    """
-    frames, rows, held = (map_.keyframes, np.arange(len(map_.xyz)), 1) if is_whole else _window(map_)
-    return _problem(map_, frames, rows, held, sigma_uv) if len(frames) > 1 else None
-
-
-def _window(map_: Map) -> tuple[list[Keyframe], NDArray[np.int64], int]:
-    """The older keyframes that hold the last ones, then those; landmarks that these see; how many hold."""
-    moving = map_.keyframes[-map_.window :]
-    is_seen = np.zeros(len(map_.xyz), np.bool_)
-    is_seen[np.concatenate([frame.landmark for frame in moving])] = True
-    least = map_.settings.min_shared
-    holding = [f for f in map_.keyframes[: -map_.window] if is_seen[f.landmark].sum() >= least] or moving[:1]
-    frames = holding + [frame for frame in moving if frame is not holding[0] or len(holding) > 1]
-    return frames, np.flatnonzero(is_seen), len(holding)
-
-
-def _problem(
-    map_: Map, frames: Sequence[Keyframe], rows: NDArray[np.int64], held: int, sigma_uv: float
-) -> AdjustmentProblem | None:
-    """Adjustment of frames, the first `held` of which stay, and of the landmarks that two of them see."""
-    landmark = np.concatenate([frame.landmark for frame in frames])
-    pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
-    counts = np.bincount(landmark, minlength=len(map_.xyz))
-    kept = rows[counts[rows] >= 2]
-    if len(kept) < map_.settings.min_points:
-        return None
-    point = np.full(len(map_.xyz), -1)
-    point[kept] = np.arange(len(kept))
-    used = np.flatnonzero(point[landmark] >= 0)
-    uv = np.concatenate([frame.uv for frame in frames])[used]
-    disparity, sigma = (np.concatenate([getattr(f, name) for f in frames])[used] for name in ("disparity", "sigma"))
-    seen = Observations(pose[used], point[landmark[used]], uv, disparity, np.full(len(used), sigma_uv), sigma)
-    return AdjustmentProblem(tuple(frames), np.arange(len(frames)) < held, kept, map_.xyz[kept], used, seen)

@@ -15,21 +15,21 @@ from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
 from ..features.binary import binary_descriptors
-from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
 from ..images import PreparedPair, grey_levels, prepare
-from ..se3 import inverse, normalised, repeated
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
+from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
+from .locating import Locator, covariance_against_keyframe
+from .path import CameraPath
 from .places.loop_closing import LoopSettings, PlaceRecognition
 from .pose import PoseEstimate, Tracked
-from .tracking import TrackingSettings, choose_pose, is_clear, measure_disparities, refine_pose, spread_of, track_pose
+from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
-_LONGEST = 10.0  # intervals over which a motion is taken to go on
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 
 
@@ -44,7 +44,8 @@ class Tracking(Checked, what="tracking"):
     keyframe_share : float
         Share of the last keyframe's landmarks; a frame that tracks fewer becomes a keyframe.
     patience : int
-        Frames lost in a row after which the map begins anew, at the pose that a constant velocity predicts.
+        Frames lost in a row, but for those that show nothing, after which the map begins anew, at the pose that a
+        constant velocity predicts.
     sigma_disparity : float
         Standard deviation of a disparity, where the pair does not tell it.
     sigma_offset : float
@@ -90,100 +91,6 @@ class Tracking(Checked, what="tracking"):
         super().__post_init__()
         for name, kind in (("pose", TrackingSettings), ("map", MapSettings), ("loops", LoopSettings)):
             require(getattr(self, name), kind, f"tracking: {name}")
-
-
-class CameraPath:
-    """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        Of the last frame.
-    lost : int
-        Frames lost in a row.
-    was_lost : bool
-        Whether the frame before the last one was.
-    """
-
-    def __init__(self) -> None:
-        self.stamps: list[float] = []
-        self.anchors: list[tuple[int, FloatArray]] = []  # number of the keyframe, T_keyframe_camera
-        self.pose, self.motion = np.eye(4), np.eye(4)
-        self.lost, self.was_lost = 0, False
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    @property
-    def is_motion_known(self) -> bool:
-        """Whether the last frames tell how the camera moves."""
-        return len(self) > 1 and self.lost == 0
-
-    def predict(self, stamp: float) -> FloatArray:
-        """Find the pose at a stamp if the last motion goes on at its speed.
-
-        Parameters
-        ----------
-        stamp : float
-            Time, s.
-
-        Returns
-        -------
-        (4, 4) float64
-        """
-        if len(self) < 2:
-            return self.pose
-        last = self.stamps[-1] - self.stamps[-2]
-        share = (stamp - self.stamps[-1]) / last if last > 0 else 1.0
-        return normalised(self.pose @ repeated(self.motion, min(share, _LONGEST)))
-
-    def advance(self, predicted: FloatArray, estimate: PoseEstimate | None) -> None:
-        """Go to a frame's pose, or to the predicted one where it is lost.
-
-        Parameters
-        ----------
-        predicted : (4, 4) float64
-            Where a constant velocity has it.
-        estimate : PoseEstimate or None
-            Where it was found.
-        """
-        self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
-        pose = predicted if estimate is None else estimate.T_world_camera
-        moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
-        self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
-
-    def record(self, stamp: float, map_: Map) -> None:
-        """Note the last frame, relative to the last keyframe; frames of culled ones go to their replacements.
-
-        Parameters
-        ----------
-        stamp : float
-            Time of the frame, s.
-        map_ : Map
-            Its keyframes.
-        """
-        for gone, other, T in map_.dropped:
-            self.anchors = [(other, T @ pose) if index == gone else (index, pose) for index, pose in self.anchors]
-        map_.dropped.clear()
-        last = map_.keyframes[-1]
-        self.stamps.append(stamp)
-        self.anchors.append((last.index, inverse(last.T_world_camera) @ self.pose))
-
-    def trajectory(self, map_: Map) -> Trajectory:
-        """Put the frames where their keyframes are now.
-
-        Parameters
-        ----------
-        map_ : Map
-            Its keyframes.
-
-        Returns
-        -------
-        Trajectory
-        """
-        pose_of = {frame.index: frame.T_world_camera for frame in map_.keyframes}
-        poses = [pose_of[index] @ T for index, T in self.anchors]
-        return Trajectory(np.array(self.stamps), np.array(poses).reshape(-1, 4, 4))
 
 
 class StereoOdometry:
@@ -241,6 +148,7 @@ class StereoOdometry:
         settings = self.tracking
         self.map, self.path = Map(rig, window=settings.window, settings=settings.map), CameraPath()
         self._places = PlaceRecognition(self.map, settings.pose, settings.loops)
+        self._locator = Locator(self.map, self._places, settings.pose, self._detect)
         self.mapper = LocalMapper(
             self.map, self._places, sigma_disparity=settings.sigma_disparity, sigma_offset=settings.sigma_offset
         )
@@ -268,6 +176,44 @@ class StereoOdometry:
     def trajectory(self) -> Trajectory:
         """Poses of all frames so far, those of keyframes as adjusted since."""
         return self.path.trajectory(self.map)
+
+    def covariance_from_start(self, frame: int) -> FloatArray:
+        """Find the covariance of the pose of a frame against the first frame's.
+
+        It adds up, from keyframe to keyframe, how well each was located against the one before: errors of one step
+        turn and lever all that follows. Steps count as independent, though they share landmarks and the offset of
+        the disparities: that makes the sum too small. Adjustments and loops bring in more than a step's own sights;
+        that is left out, and makes it too large.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame, from 0.
+
+        Returns
+        -------
+        (6, 6) float64
+            Of (ω, υ), rad and m, in that camera's frame, as `trajectory` has it. Infinite where the path was guessed on
+            the way, as after the map began anew.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame.
+
+        Examples
+        --------
+        >>> from tspslam.datasets import synthetic
+        >>> sequence = synthetic.SyntheticSequence(synthetic.corridor(2.0))
+        >>> odometry = StereoOdometry(sequence.rig)
+        >>> tracked = [odometry.process(pair) for pair in sequence]
+        >>> metres = np.sqrt(np.diag(odometry.covariance_from_start(4))[3:])
+        >>> bool((metres > 0).all() and (metres < 0.1).all())
+        True
+        """
+        if not (isinstance(frame, int | np.integer) and 0 <= frame < len(self.path)):
+            raise InputError(f"odometry: frame is {frame!r}, expected one of 0 to {len(self.path) - 1}")
+        return self.path.covariance_from_start(int(frame), self.trajectory.T_world_camera)
 
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair, and make it a keyframe where the map needs one.
@@ -297,10 +243,11 @@ class StereoOdometry:
             watch.lap("wait")
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
-            path.advance(predicted, estimate)
-            watch.lap("follow")
+            path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
+        link = self._link(images, estimate)
+        watch.lap("follow")
         stereo = self._add_keyframe(images, estimate, watch) if self._wants_keyframe(estimate) else None
-        path.record(images.stamp, self.map)
+        path.record(images.stamp, self.map, link)
         return self._tracked(estimate, stereo, watch)
 
     def _check(self, name: str, rig: Rig, stamp: float) -> None:
@@ -312,25 +259,35 @@ class StereoOdometry:
             raise InputError(f"{name}: its stamp is {stamp} s, expected {self.path.stamps[-1]} s or later")
 
     def _locate(self, images: PreparedPair, predicted: FloatArray) -> PoseEstimate | None:
-        """Pose from landmarks tracked from a constant velocity's prediction, or relocalised; refined by disparities."""
-        map_, settings, image = self.map, self.tracking.pose, images.left_image
-        estimate = track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, predicted, settings)
-        steady = predicted if self.path.is_motion_known else None
-        if estimate is None or not is_clear(estimate, map_.xyz, steady, settings):
-            features = detect_usable(image, self._detect)
-            descriptors = binary_descriptors(features.descriptor)
-            relocalized = self._places.relocalize(image.pyramid, features.uv, descriptors)
-            estimate = choose_pose(estimate, relocalized, map_.xyz, settings)
+        """Pose of the left image, refined by disparities, with its covariance against a keyframe."""
+        map_, settings, path = self.map, self.tracking.pose, self.path
+        is_steady = path.is_motion_known and not path.is_gap(images.stamp)
+        if is_steady:
+            estimate = self._locator.follow(images.left_image, predicted)
+        else:
+            last = path.last_found(map_)
+            estimate = self._locator.find(images.left_image, [predicted, last, last @ path.motion])
         if estimate is None:
             return None
         disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
         spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
         return refine_pose(map_.rig, estimate, map_.xyz, disparity, spread, settings)
 
+    def _link(self, images: PreparedPair, estimate: PoseEstimate | None) -> tuple[int, FloatArray]:
+        """Which keyframe a frame was located against, and the covariance of its pose against it; none of the first."""
+        if not self.map.keyframes:
+            return 0, np.zeros((6, 6))
+        if estimate is None:
+            return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
+        spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
+        return covariance_against_keyframe(
+            self.map, estimate, self.tracking.pose.sigma_uv, spread, self.mapper.bias.std
+        )
+
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
-            return not self.map.keyframes or self.path.lost >= self.tracking.patience
+            return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
         return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
 
     def _add_keyframe(self, images: PreparedPair, estimate: PoseEstimate | None, watch: Stopwatch) -> Stereo | None:
@@ -361,10 +318,9 @@ class StereoOdometry:
         """What is said of the last frame."""
         seen = self.map.keyframes[-1] if stereo is not None else estimate
         is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
-        covariance = np.zeros((6, 6)) if is_first else np.full((6, 6), np.inf)
         return Tracked(
             T_world_camera=self.path.pose.copy(),
-            covariance=covariance if estimate is None else estimate.covariance,
+            covariance=self.path.links[-1][1].copy(),
             matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
             is_keyframe=stereo is not None,
             is_lost=is_lost,
@@ -379,6 +335,8 @@ class StereoOdometry:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
             self.path.pose = self.mapper.finish(self.path.pose)
+            if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
+                self.path.pose = self.mapper.finish(self.path.pose)
 
     def close(self) -> None:
         """Release the worker thread; no further pair can be processed."""
@@ -395,18 +353,21 @@ class StereoOdometry:
             As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
-        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting
+        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting, path.unplaced
         state = map_state(self.map) | {
-            "stamps": np.array(path.stamps),
-            "anchors": np.array([index for index, _ in path.anchors], np.int64),
-            "anchored": np.array([T for _, T in path.anchors]).reshape(-1, 4, 4),
+            "stamps": path.stamps,
+            "anchors": path.anchors,
+            "anchored": path.anchored,
+            "links": np.array([index for index, _ in path.links], np.int64),
+            "linked": _finite_or_nan(np.array([C for _, C in path.links]).reshape(-1, 6, 6)),
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
-        return {name: values.copy() for name, values in state.items()}  # the map goes on
+        # the map goes on: what was not made for this is copied
+        return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
         """Go on from a state.
@@ -428,10 +389,11 @@ class StereoOdometry:
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
-        path.stamps = state["stamps"].tolist()
-        path.anchors = list(zip(state["anchors"].tolist(), state["anchored"], strict=True))
+        path.restore(state["stamps"], state["anchors"], state["anchored"])
+        linked = np.where(np.isnan(state["linked"]), np.inf, state["linked"])
+        path.links = list(zip(state["links"].tolist(), linked, strict=True))
         path.pose, path.motion = state["poses"]
-        mapper.expected, path.lost, mapper.unsolved, was_adjusting = state["counts"].tolist()
+        mapper.expected, path.lost, mapper.unsolved, was_adjusting, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
@@ -445,3 +407,8 @@ class StereoOdometry:
             expected, found = binary_descriptors(features.descriptor).shape[1], self.map.descriptors.shape[1]
             if found != expected:
                 raise InputError(f"odometry: the state has descriptors of {found} x 64 bits, expected {expected}")
+
+
+def _finite_or_nan(values: FloatArray) -> FloatArray:
+    """Values with NaN for what is infinite, as a state has them."""
+    return np.where(np.isfinite(values), values, np.nan)

@@ -16,7 +16,7 @@ from ..stereo.reconstruct import Stereo
 from .least_squares.bundle import lens_of, minimise
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
-_SAMPLES, _SURE = 500, 0.999  # of RANSAC: enough where up to two thirds are outliers
+_SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters are outliers
 _State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 
@@ -38,6 +38,8 @@ class PoseEstimate(Brief):
         Of (ω, υ), rad and m, in the camera's frame.
     in_view : int
         How many landmarks should be seen from there.
+    found : int
+        How many of those were found in the image, whether or not they agree.
     """
 
     T_world_camera: FloatArray
@@ -46,6 +48,7 @@ class PoseEstimate(Brief):
     disparity: FloatArray
     covariance: FloatArray
     in_view: int = 0
+    found: int = 0
 
     def __len__(self) -> int:
         return len(self.landmark)
@@ -54,6 +57,11 @@ class PoseEstimate(Brief):
     def share(self) -> float:
         """Share of the landmarks in view that agree."""
         return len(self) / max(self.in_view, 1)
+
+    @property
+    def agreement(self) -> float:
+        """Share of the landmarks that were found that agree; 1 where that was not counted."""
+        return len(self) / max(self.found, len(self), 1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,7 +73,8 @@ class Tracked(Brief):
     T_world_camera : (4, 4) float64
         Pose of the left camera; the world is the first frame's.
     covariance : (6, 6) float64
-        Of (ω, υ), rad and m, in the camera's frame: of the pose against the map. Infinite where it is not known.
+        Of (ω, υ), rad and m, in the camera's frame: of the pose against the last keyframe (`pose_covariance`). Infinite
+        where it is not known.
     matches : int
         Landmarks that agree with it.
     is_keyframe : bool
@@ -266,7 +275,7 @@ def fit_robustly(
     found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]), max_steps=0)
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
     rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
-    return PoseEstimate(T, *rows, covariance, estimate.in_view)
+    return PoseEstimate(T, *rows, covariance, estimate.in_view, estimate.found)
 
 
 def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:

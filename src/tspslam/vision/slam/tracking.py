@@ -19,6 +19,10 @@ from ..stereo.row_matcher import SearchNear, level_rows
 from .patch_tracking import Patch, compute_warps, track_patches
 from .pose import PoseEstimate, fit_robustly
 
+_Stage = tuple[range, float, tuple[float, ...], int]  # levels, spread of a point in px, gates, points
+
+_APART = 3.0  # px: ten times the spread of a tracked point
+_PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
 _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong ones near the guess up to 0.1"
 
 
@@ -167,8 +171,28 @@ def track_pose(
     """
     rough = range(3, 0, -1), settings.rough_sigma_uv, (settings.rough_gate,), settings.rough_points
     fine = range(0, -1, -1), settings.sigma_uv, (settings.first_gate, settings.last_gate), max(1, len(xyz))
-    T, estimate = T_guess, None
-    for levels, sigma, gates, most in (rough, fine):
+    return _track_stages(rig, image, references, xyz, T_guess, (rough, fine), settings)
+
+
+def track_closely(
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T_guess: FloatArray,
+    settings: TrackingSettings,
+) -> PoseEstimate | None:  # fmt: skip
+    """`track_pose` for a guess that is right to a few pixels: what moves otherwise is not within reach.
+
+    Parameters, returns: as `track_pose`.
+    """
+    fine = range(1, -1, -1), settings.sigma_uv, (settings.first_gate, settings.last_gate), max(1, len(xyz))
+    return _track_stages(rig, image, references, xyz, T_guess, (fine,), settings)
+
+
+def _track_stages(
+    rig: Rig, image: Pyramid, references: Sequence[Reference], xyz: FloatArray, T: FloatArray,
+    stages: tuple[_Stage, ...], settings: TrackingSettings,
+) -> PoseEstimate | None:  # fmt: skip
+    """Track landmarks, and fit the pose, at finer and finer levels of the pyramid; None where few agree at one."""
+    estimate = None
+    for levels, sigma, gates, most in stages:
         tracked = _track(rig, image, references, xyz, T, levels, most, settings)
         estimate = fit_robustly(rig, xyz, tracked, (sigma, 1.0), gates, settings.min_matches)
         if estimate is None or len(estimate) < settings.min_agreement * len(tracked):
@@ -285,8 +309,29 @@ def is_clear(
     """
     if estimate.share >= settings.clear_share:
         return True
-    is_steady = T_predicted is not None and _distance(estimate, T_predicted, xyz) <= settings.same_pose
+    is_steady = T_predicted is not None and are_close(estimate, T_predicted, xyz, settings)
     return is_steady and estimate.share >= settings.steady_share
+
+
+def are_close(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray, settings: TrackingSettings) -> bool:
+    """Whether a pose is where another one has the camera, to the distance of poses that count as the same.
+
+    Parameters
+    ----------
+    estimate : PoseEstimate
+        The pose.
+    T_world_camera : (4, 4) float64
+        The other.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        With `same_pose`.
+
+    Returns
+    -------
+    bool
+    """
+    return _distance(estimate, T_world_camera, xyz) <= settings.same_pose
 
 
 def choose_pose(
@@ -311,9 +356,7 @@ def choose_pose(
     PoseEstimate or None
     """
     if tracked is not None:
-        is_confirmed = (
-            relocalized is not None and _distance(tracked, relocalized.T_world_camera, xyz) <= settings.same_pose
-        )
+        is_confirmed = relocalized is not None and are_close(tracked, relocalized.T_world_camera, xyz, settings)
         if tracked.share < (settings.relocalized_share if is_confirmed else settings.lone_share):
             tracked = None
     if relocalized is not None and relocalized.share < settings.relocalized_share:
@@ -321,6 +364,54 @@ def choose_pose(
     if tracked is None or relocalized is None:
         return relocalized if tracked is None else tracked
     return relocalized if len(relocalized) >= settings.overrule * len(tracked) else tracked
+
+
+def choose_widest(
+    rig: Rig, found: Sequence[PoseEstimate], xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate | None:
+    """Choose among poses of which none is expected: the one whose landmarks are many and wide apart; None if too few.
+
+    What moves before the camera has its landmarks in one part of the image, the world is around it; what is far away
+    agrees with both. So of two poses, the landmarks that only one of them has in their places decide.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    found : sequence of PoseEstimate
+        The poses.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate or None
+        One with the share of landmarks that a pose needs alone (`lone_share`), or `relocalized_share` where another of
+        the poses says the same.
+    """
+
+    def is_believed(one: PoseEstimate) -> bool:
+        others = (other for other in found if other is not one and other.share >= settings.relocalized_share)
+        is_confirmed = any(are_close(one, other.T_world_camera, xyz, settings) for other in others)
+        return one.share >= (settings.relocalized_share if is_confirmed else settings.lone_share)
+
+    best = None
+    for one in filter(is_believed, found):
+        if best is None or _support(rig, one, best, xyz) > _support(rig, best, one, xyz):
+            best = one
+    return best
+
+
+def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:
+    """Places of the image with landmarks that one pose has where they are, another not, times how far they spread."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.linalg.norm(project(rig, _in_camera(xyz, one.landmark, other.T_world_camera)) - one.uv, axis=1)
+    cells = np.unique(np.floor(one.uv[~(off <= _APART)] * (_PLACES / rig.width)), axis=0)
+    if len(cells) < 3:
+        return 0.0
+    return float(len(cells) * np.sqrt(max(np.linalg.det(np.cov(cells.T)), 0.0)))
 
 
 def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
@@ -342,7 +433,7 @@ def _track(
         for reference, rows in zip(references, visible, strict=True)
     ]
     uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view)
+    return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view, len(uv))
 
 
 def _visible(

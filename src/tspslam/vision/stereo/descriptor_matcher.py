@@ -54,8 +54,12 @@ class DescriptorMatcher(Checked, what="matcher"):
     True
     """
 
-    max_disparity: float | None = setting(None, -1e5, 1e5, unit="px", source="the pair's own: what it shows")
-    min_disparity: float | None = setting(None, -1e5, 1e5, unit="px", source="the rig's: where depth begins")
+    max_disparity: float | None = setting(
+        None, -1e5, 1e5, unit="px", source="the pair's own: its calibration's, else what it shows"
+    )
+    min_disparity: float | None = setting(
+        None, -1e5, 1e5, unit="px", source="the pair's own: its calibration's, else where depth begins"
+    )
     row_tolerance: float = setting(
         1.5, 0.0, 100.0, unit="px per unit of scale",
         source="by hand; Motorcycle, ORB's alone: 0.75, 1.5, 3 give 491, 605, 666 points, 78, 71, 68 % right to 1 px",
@@ -153,21 +157,25 @@ def widest_range(pair: StereoPair, lowest: float | None, highest: float | None) 
     Parameters
     ----------
     pair : StereoPair
-        A rectified pair.
+        A rectified pair; its own range, if it has one, is within that.
     lowest, highest : float or None
-        Limits that were asked for, px; None is as above.
+        Limits that were asked for, px, which go before the pair's own; None is as above.
 
     Returns
     -------
     low, high : float
         px.
     """
-    low = -pair.rig.doffs if lowest is None else lowest
+    first, last = pair.disparity_range or (-np.inf, np.inf)
+    low = max(-pair.rig.doffs, first) if lowest is None else lowest
     if highest is not None and highest <= low:
         raise InputError(
             f"{pair.name}: max_disparity is {highest:g} px, expected more than {low:g}, where depth begins"
         )
-    return low, low + _WIDEST * pair.left.shape[1] if highest is None else highest
+    widest = low + _WIDEST * pair.left.shape[1]
+    if highest is not None:
+        return low, highest
+    return low, last if low < last < np.inf else widest
 
 
 def survey_disparities(

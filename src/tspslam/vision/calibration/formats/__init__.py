@@ -24,13 +24,13 @@ from ._values import Size
 from .own import is_own, read_own
 from .readers import colmap, euroc, ros
 from .readers.basalt import is_basalt, read_basalt
+from .readers.factory import is_t265, is_zed, parse_zed, read_t265, read_zed
 from .readers.kalibr import is_kalibr, read_kalibr
 from .readers.kitti import is_kitti, parse_kitti, read_kitti
 from .readers.middlebury import is_middlebury, parse_middlebury, read_middlebury
 from .readers.opencv import is_opencv, read_opencv
 from .readers.orbslam import is_orbslam, read_orbslam
 from .readers.stella import is_stella, read_stella
-from .readers.zed import is_zed, parse_zed, read_zed
 
 __getattr__ = load_files(__name__)
 _EXPECTED = "a calibration of tspslam, KITTI, EuRoC, OpenCV, Kalibr, ROS, ORB-SLAM or another program that is known"
@@ -51,6 +51,7 @@ _MAPPINGS: tuple[tuple[Callable[[Source], bool], _Reader], ...] = (
     (ros.is_ros, ros.read_ros),
     (is_opencv, read_opencv),
     (is_basalt, read_basalt),
+    (is_t265, read_t265),
     (colmap.is_rig_config, colmap.read_rig_config),
     (is_own, read_own),
 )
@@ -61,8 +62,8 @@ def read_calibration(path: PathLike, size: tuple[int, int] | None = None) -> Cal
     """Read a stereo calibration of ours or of another program; ours may also be of a single camera, without a baseline.
 
     Known are files of Kalibr, OpenCV (FileStorage, YAML and XML), ROS and RTAB-Map (``camera_info``), ORB-SLAM,
-    stella_vslam, Basalt, COLMAP (rigs), EuRoC, KITTI, Middlebury, ZED, and our own: the page on calibration files lists
-    them. The content tells which it is, not the name, but for COLMAP's binary files.
+    stella_vslam, Basalt, RealSense T265, COLMAP (rigs), EuRoC, KITTI, Middlebury, ZED, and our own: the page on
+    calibration files lists them. The content tells which it is, not the name, but for COLMAP's binary files.
 
     Parameters
     ----------

@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....types import BoolArray, FloatArray, Rig
+from ...features.binary import Descriptors
 from ...images import Pyramid
 from ...rig import back_project
 from ...se3 import inverse
 from ..least_squares.bundle import Adjustment
 from ..pose import PoseEstimate
 from ..tracking import Reference
+from .columns import Column
 from .images import KeyframeImages
 from .keyframe import Keyframe, Keypoints, MapSnapshot
 from .settings import MapSettings
+from .sightings import Sightings
 
 _NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
+_index_of = attrgetter("index")
+_GAPS = 0.1  # share of the rows from a gap to the end that are gaps, from which these rows move up: 10 moves for each
 
 
 class Map:
     """Landmarks and the keyframes that saw them, in the frame of the first keyframe.
 
     Arrays of landmarks are in the order of their numbers (`landmark_id`); rows move when landmarks are culled, numbers
-    stay. Disparities are as measured.
+    stay. Where a few are culled among many, their rows stay as `gaps` that no keyframe sees, until there are more: what
+    a keyframe costs depends on what it sees, not on how many there are. Disparities are as measured.
 
     Parameters
     ----------
@@ -44,18 +52,14 @@ class Map:
         In order.
     images : KeyframeImages
         Their left images, by the numbers of the frames.
-    xyz : (M, 3) float64
-        Landmarks, m.
-    descriptors : (M, P) uint64
-        Theirs.
-    landmark_id : (M,) int64
-        Their numbers, ascending.
+    gaps : (G,) int64
+        Rows, ascending, of landmarks that were culled.
     next_id : int
         Number of the next landmark.
-    merged : (R, 2) int64
-        Pairs (merged, kept) of landmark numbers, in the order of their merging.
-    has_new_loop : bool
-        Whether a loop was closed since the last adjustment: the next one is of the whole map.
+    loop : Keyframe or None
+        The last keyframe as older landmarks, by their numbers, have it, while a loop is being closed.
+    unsettled : set of int
+        Keyframes that were not adjusted since a loop was closed: numbers of their frames.
     dropped : list of (int, int, (4, 4) float64)
         Keyframes culled since the path was last told: frame, its replacement, T_replacement_frame.
     """
@@ -63,12 +67,60 @@ class Map:
     def __init__(self, rig: Rig, *, window: int, settings: MapSettings | None = None) -> None:
         self.rig, self.window, self.settings = rig, window, settings or MapSettings()
         self.keyframes: list[Keyframe] = []
-        self.images = KeyframeImages(self.settings.image_bytes)
-        self.xyz, self.descriptors = np.empty((0, 3)), np.empty((0, 4), np.uint64)
-        self.landmark_id, self.next_id = np.empty(0, np.int64), 0
-        self.merged = np.empty((0, 2), np.int64)
-        self.has_new_loop = False
+        self.images = KeyframeImages(self.settings.image_bytes, (rig.height, rig.width))
+        self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
+        self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
+        self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
+        self.gaps, self.next_id = np.empty(0, np.int64), 0
+        self.loop: Keyframe | None = None
+        self.unsettled: set[int] = set()
         self.dropped: list[tuple[int, int, FloatArray]] = []
+
+    @property
+    def xyz(self) -> FloatArray:
+        """Landmarks, (M, 3) float64, m."""
+        return self._xyz.rows
+
+    @xyz.setter
+    def xyz(self, values: FloatArray) -> None:
+        """Put others in their place."""
+        self._xyz = Column(values)
+        self._sightings.cover(len(values))
+
+    @property
+    def descriptors(self) -> Descriptors:
+        """Theirs, (M, P) uint64."""
+        return self._descriptors.rows
+
+    @descriptors.setter
+    def descriptors(self, values: Descriptors) -> None:
+        """Put others in their place."""
+        self._descriptors = Column(values)
+
+    @property
+    def landmark_id(self) -> NDArray[np.int64]:
+        """Their numbers, (M,) int64, ascending."""
+        return self._landmark_id.rows
+
+    @landmark_id.setter
+    def landmark_id(self, values: NDArray[np.int64]) -> None:
+        """Put others in their place."""
+        self._landmark_id = Column(values)
+
+    @property
+    def merged(self) -> NDArray[np.int64]:
+        """Pairs (merged, kept) of landmark numbers, (R, 2) int64, in the order of their merging."""
+        return self._merged.rows
+
+    @merged.setter
+    def merged(self, values: NDArray[np.int64]) -> None:
+        """Put others in their place."""
+        self._merged = Column(values)
+
+    @property
+    def landmark_count(self) -> int:
+        """How many landmarks there are: rows but gaps."""
+        return len(self.xyz) - len(self.gaps)
 
     def snapshot(self) -> MapSnapshot:
         """Copy the map as it is now.
@@ -80,8 +132,8 @@ class Map:
         frames = self.keyframes
         columns = self.observations()
         return MapSnapshot(
-            landmark_id=self.landmark_id.copy(),
-            xyz=self.xyz.copy(),
+            landmark_id=np.delete(self.landmark_id, self.gaps),
+            xyz=np.delete(self.xyz, self.gaps, axis=0),
             keyframe=np.array([frame.index for frame in frames], np.int64),
             T_world_camera=np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
             start=np.cumsum([0, *(len(frame.landmark) for frame in frames)]),
@@ -119,10 +171,50 @@ class Map:
         list of (int, int)
             Keyframes other than `place`, in order, and how many landmarks each shares with it.
         """
-        is_seen = np.zeros(len(self.xyz), np.bool_)
-        is_seen[self.keyframes[place].landmark] = True
-        shared = [int(is_seen[frame.landmark].sum()) for frame in self.keyframes]
-        return [(k, count) for k, count in enumerate(shared) if k != place and count >= least]
+        _, frame = self._sightings.of(self.keyframes[place].landmark)
+        frames, shared = np.unique(frame, return_counts=True)
+        found = [(self._place(k), count) for k, count in zip(frames.tolist(), shared.tolist(), strict=True)]
+        return [(k, count) for k, count in found if k != place and count >= least]
+
+    def seen_by(self, rows: NDArray[np.int64]) -> list[int]:
+        """Find the keyframes that see any of some landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks.
+
+        Returns
+        -------
+        list of int
+            Which keyframes of the map, ascending.
+        """
+        return [self._place(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
+
+    def view_counts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Count the keyframes that see landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks.
+
+        Returns
+        -------
+        (K,) int64
+        """
+        return self._sightings.count(rows)
+
+    def _place(self, index: int) -> int:
+        """Which keyframe of the map a frame is; where a culled one would be."""
+        return bisect_left(self.keyframes, index, key=_index_of)
+
+    def note_sightings(self) -> None:
+        """Note who sees what, after keyframes and landmarks were put in place from outside."""
+        self._sightings, self._doubtful = Sightings(), [np.arange(len(self.xyz))]
+        self._sightings.cover(len(self.xyz))
+        for frame in self.keyframes:
+            self._sightings.add(frame.landmark, frame.index)
 
     def references(self) -> list[Reference]:
         """The last keyframes, newest first, each with the landmarks that no later one saw.
@@ -166,18 +258,21 @@ class Map:
         rows = self._new_landmarks(keypoints, old.uv)
         T = T_world_camera
         points = back_project(self.rig, keypoints.uv[rows], keypoints.disparity[rows]) @ T[:3, :3].T + T[:3, 3]
-        born = np.arange(len(rows))
-        landmark = np.concatenate([old.landmark, len(self.xyz) + born])
-        self.xyz = np.concatenate([self.xyz, points])
-        descriptors = keypoints.descriptors[rows]
-        self.descriptors = np.concatenate([self.descriptors, descriptors]) if self.keyframes else descriptors
-        self.landmark_id = np.concatenate([self.landmark_id, self.next_id + born])
+        landmark = np.concatenate([old.landmark, len(self.xyz) + np.arange(len(rows))])
+        if not self.keyframes:
+            self.descriptors = keypoints.descriptors[:0]  # as long as these are
+        self._xyz.extend(points)
+        self._descriptors.extend(keypoints.descriptors[rows])
+        self._landmark_id.extend(self.next_id + np.arange(len(rows)))
         self.next_id += len(rows)
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
         is_start = bool(self.keyframes) and estimate is None
         self.keyframes.append(Keyframe(index, T, images[0], landmark, uv, disparity, spread(uv), is_start))
         self.images.add(index, images[1])
+        self._sightings.cover(len(self.xyz))
+        self._sightings.add(landmark, index)
+        self._doubtful.append(landmark[len(old.landmark) :])
         self._tidy()
 
     def _new_landmarks(self, keypoints: Keypoints, tracked: FloatArray) -> NDArray[np.int64]:
@@ -203,29 +298,44 @@ class Map:
     def _change(self, place: int, **changes: Any) -> None:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
 
+    def _in_window(self) -> NDArray[np.int64]:
+        """Landmarks that the keyframes of the window see, ascending."""
+        return np.unique(np.concatenate([frame.landmark for frame in self.keyframes[-self.window :]]))
+
     def _cull_landmarks(self) -> None:
         """Drop landmarks that only one keyframe saw, unless that is in the window."""
-        kept = self._view_counts() > 1
-        for frame in self.keyframes[-self.window :]:
-            kept[frame.landmark] = True
-        row = np.cumsum(kept) - 1
-        self.xyz, self.descriptors, self.landmark_id = self.xyz[kept], self.descriptors[kept], self.landmark_id[kept]
-        self._renumber(np.where(kept, row, -1))
+        doubtful = np.unique(np.concatenate(self._doubtful))
+        is_new = np.isin(doubtful, self._in_window())
+        old, self._doubtful = doubtful[~is_new], [doubtful[is_new]]
+        gone = old[self.view_counts(old) <= 1]
+        for k in self.seen_by(gone):
+            self._keep(k, ~np.isin(self.keyframes[k].landmark, gone))
+        nobody = np.empty(0, np.int64)
+        self._sightings.replace(gone, nobody, nobody)
+        self.gaps = np.union1d(self.gaps, gone)
+        self._close_gaps(_GAPS)
 
-    def _view_counts(self) -> NDArray[np.int64]:
-        """How many keyframes see each landmark."""
-        return np.bincount(np.concatenate([f.landmark for f in self.keyframes]), minlength=len(self.xyz))
+    def _keep(self, place: int, kept: NDArray[Any], **changes: Any) -> None:
+        """Keep some of a keyframe's observations."""
+        columns = {name: getattr(self.keyframes[place], name)[kept] for name in _NOTHING}
+        self._change(place, **columns | changes)
 
-    def _renumber(self, row: NDArray[np.int64]) -> None:
-        """Move landmarks to other rows, -1 for those that go; of two that become one a keyframe keeps one."""
-        for k, frame in enumerate(self.keyframes):
-            landmark = row[frame.landmark]
-            if np.array_equal(landmark, frame.landmark):
-                continue
-            _, first = np.unique(landmark, return_index=True)
-            kept = np.sort(first[landmark[first] >= 0])
-            columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
-            self._change(k, **columns | {"landmark": landmark[kept]})
+    def _close_gaps(self, least: float) -> None:
+        """Move the rows up from the first gap on from which at least such a share are gaps."""
+        after = len(self.xyz) - self.gaps
+        is_dense = np.arange(len(self.gaps), 0, -1) >= least * after
+        if not is_dense.any():
+            return
+        place = int(is_dense.argmax())
+        first, kept = int(self.gaps[place]), np.ones(after[place], np.bool_)
+        kept[self.gaps[place:] - first] = False
+        row = np.concatenate([np.arange(first), first + np.cumsum(kept) - 1])
+        for k in self.seen_by(np.arange(first, len(self.xyz))):
+            self._change(k, landmark=row[self.keyframes[k].landmark])
+        self._doubtful = [row[rows] for rows in self._doubtful]
+        for column in (self._xyz, self._descriptors, self._landmark_id, self._sightings):
+            column.keep(first, kept)
+        self.gaps = self.gaps[:place]
 
     def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
@@ -233,42 +343,44 @@ class Map:
         A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
         looks from about there at the same: each place keeps a bounded number.
         """
-        counts, frames = self._view_counts(), self.keyframes
-        stays = np.ones(len(frames), np.bool_)
+        frames, gone = self.keyframes, list[int]()
         for k in self._seen_by_the_window():
-            other = None if k == 0 or frames[k].is_start else self._replacement(k, stays, counts)
+            other = None if k == 0 or frames[k].is_start else self._replacement(k, gone)
             if other is not None:
-                stays[k] = False
-                counts[frames[k].landmark] -= 1
+                gone.append(k)
+                self._sightings.drop(frames[k].landmark, frames[k].index)
+                self._doubtful.append(frames[k].landmark)
                 T = inverse(frames[other].T_world_camera) @ frames[k].T_world_camera
                 self.dropped.append((frames[k].index, frames[other].index, T))
                 self.images.drop(frames[k].index)
-        self.keyframes = [frame for frame, is_kept in zip(frames, stays, strict=True) if is_kept]
+        for k in reversed(gone):
+            del self.keyframes[k]
 
     def _seen_by_the_window(self) -> list[int]:
         """Keyframes before the window that see a landmark of it: others have not changed."""
-        is_seen = np.zeros(len(self.xyz), np.bool_)
-        for frame in self.keyframes[-self.window :]:
-            is_seen[frame.landmark] = True
-        recent = max(self.window, self.settings.references)
-        return [k for k, frame in enumerate(self.keyframes[:-recent]) if is_seen[frame.landmark].any()]
+        before = len(self.keyframes) - max(self.window, self.settings.references)
+        return [k for k in self.seen_by(self._in_window()) if k < before]
 
-    def _replacement(self, k: int, stays: BoolArray, counts: NDArray[np.int64]) -> int | None:
+    def _replacement(self, k: int, gone: list[int]) -> int | None:
         """Which older keyframe can stand for one, if that can go."""
-        frame, settings = self.keyframes[k], self.settings
-        if (counts[frame.landmark] > settings.min_views).sum() >= settings.redundant_share * len(frame.landmark):
-            return int(np.flatnonzero(stays[:k])[-1])
-        T = frame.T_world_camera
+        frame, settings, count = self.keyframes[k], self.settings, len(self.keyframes[k].landmark)
+        at, seen = self._sightings.of(frame.landmark)
+        views = np.bincount(at, minlength=count)
+        if (views > settings.min_views).sum() >= settings.redundant_share * count:
+            return next(other for other in range(k - 1, -1, -1) if other not in gone)
+        numbers, shared = np.unique(seen, return_counts=True)
+        older = [self._place(index) for index in numbers[shared / count >= settings.twin_share].tolist()]
+        older = older[: bisect_left(older, k - self.window)]  # later ones are no place to come back to
+        return next(iter(self._twins(frame, older)), None)
+
+    def _twins(self, frame: Keyframe, places: list[int]) -> list[int]:
+        """Keyframes, of some, that look from about where another does, the same way."""
+        T, settings = frame.T_world_camera, self.settings
+        others = np.array([self.keyframes[k].T_world_camera for k in places]).reshape(-1, 4, 4)
         near = settings.twin_distance * np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
-        older = stays[: max(k - self.window, 0)]  # later ones are no place to come back to
-        for other in np.flatnonzero(older).tolist():
-            T_other = self.keyframes[other].T_world_camera
-            is_near = np.linalg.norm(T_other[:3, 3] - T[:3, 3]) < near
-            looks_alike = T_other[:3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
-            shared = np.isin(frame.landmark, self.keyframes[other].landmark)
-            if is_near and looks_alike and shared.mean() >= settings.twin_share:
-                return other
-        return None
+        is_near = np.linalg.norm(others[:, :3, 3] - T[:3, 3], axis=1) < near
+        looks_alike = others[:, :3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
+        return [places[i] for i in np.flatnonzero(is_near & looks_alike)]
 
     def merge_landmarks(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
         """Make pairs of landmarks one each; the first of a pair stays where it is, and so does its number.
@@ -278,11 +390,42 @@ class Map:
         landmark, other : (K,) int64
             Rows.
         """
-        row = np.arange(len(self.xyz))
-        row[other] = landmark
-        pairs = np.column_stack([self.landmark_id[other], self.landmark_id[landmark]])
-        self.merged = np.concatenate([self.merged, pairs])
-        self._renumber(row)
+        self._merged.extend(np.column_stack([self.landmark_id[other], self.landmark_id[landmark]]))
+        order = np.argsort(other)
+        for k in self.seen_by(other):
+            rows = self.keyframes[k].landmark
+            at = np.minimum(np.searchsorted(other, rows, sorter=order), len(other) - 1)
+            at = order[at]
+            rows = np.where(other[at] == rows, landmark[at], rows)
+            kept = np.sort(np.unique(rows, return_index=True)[1])  # of two that become one it keeps one
+            self._keep(k, kept, landmark=rows[kept])
+        self._merge_sightings(landmark, other)
+        self._doubtful.append(other)
+
+    def _merge_sightings(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
+        """Note that who saw the second of a pair sees the first."""
+        rows, which = np.unique(np.concatenate([landmark, other]), return_inverse=True)
+        of = np.arange(len(rows))
+        of[which[len(landmark) :]] = which[: len(landmark)]
+        at, frame = self._sightings.of(rows)
+        pairs = np.unique(np.column_stack([of[at], frame]), axis=0)
+        self._sightings.replace(rows, pairs[:, 0], pairs[:, 1])
+
+    def observe(self, place: int, again: Keyframe) -> None:
+        """Note what a keyframe sees besides.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe of the map.
+        again : Keyframe
+            Sights of landmarks, by their rows; those that it sees already do not count.
+        """
+        own = self.keyframes[place]
+        new = ~np.isin(again.landmark, own.landmark)
+        columns = {name: np.concatenate([getattr(own, name), getattr(again, name)[new]]) for name in _NOTHING}
+        self._change(place, **columns)
+        self._sightings.add(again.landmark[new], own.index)
 
     def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
         """Take over poses and landmarks of an adjustment, and drop outliers.
@@ -297,8 +440,12 @@ class Map:
             For the number of each frame: its row in the adjustment, and which of its observations stay.
         """
         self.xyz[rows] = found.xyz
-        for k, frame in enumerate(self.keyframes):
-            if frame.index in keyframes:
-                row, kept = keyframes[frame.index]
-                columns = {name: getattr(frame, name)[kept] for name in _NOTHING}
-                self._change(k, T_world_camera=found.T_world_camera[row], **columns)
+        outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
+        for index, (row, kept) in keyframes.items():
+            k = self._place(index)
+            gone = self.keyframes[k].landmark[~kept]
+            outliers.append((gone, np.full(len(gone), index)))
+            self._keep(k, kept, T_world_camera=found.T_world_camera[row])
+        landmark, frame = (np.concatenate(parts) for parts in zip(*outliers, strict=True))
+        self._sightings.drop(landmark, frame)
+        self._doubtful.append(landmark)

@@ -174,7 +174,7 @@ class Descent(Generic[State]):
 
 def minimise(
     what: str, state: State, cost_of: Callable[[State], float], propose: Callable[[State, float], State | None],
-    max_steps: int,
+    max_steps: int, damping: float = _FIRST_DAMPING,
 ) -> Descent[State]:  # fmt: skip
     """Find a state of least cost by Levenberg-Marquardt steps; the cost never rises.
 
@@ -190,6 +190,8 @@ def minimise(
         From a state and a damping to the state after a step; None if its equations have no solution.
     max_steps : int
         Steps at most.
+    damping : float
+        Of the first step, times the diagonal; where it is small, of those after it too.
 
     Returns
     -------
@@ -201,9 +203,9 @@ def minimise(
         If the equations of a step have no solution at any damping.
     """
     before = cost = cost_of(state)
-    damping, steps = _FIRST_DAMPING, 0
+    steps, floor = 0, min(damping, _MIN_DAMPING)
     while steps < max_steps:
-        lower = _descend(what, state, cost, cost_of, propose, damping)
+        lower = _descend(what, state, cost, cost_of, propose, damping, floor)
         if lower is None:
             break
         state, taken, damping = lower
@@ -215,7 +217,7 @@ def minimise(
 
 def _descend(
     what: str, state: State, cost: float, cost_of: Callable[[State], float],
-    propose: Callable[[State, float], State | None], damping: float,
+    propose: Callable[[State, float], State | None], damping: float, floor: float,
 ) -> tuple[State, float, float] | None:  # fmt: skip
     """The first step, with more and more damping, that does not raise the cost; its cost; the next damping."""
     is_solvable = False
@@ -224,7 +226,7 @@ def _descend(
         if proposal is not None:
             is_solvable, taken = True, cost_of(proposal)
             if taken <= cost:
-                return proposal, taken, max(damping / 10, _MIN_DAMPING)
+                return proposal, taken, max(damping / 10, floor)
         damping *= 10
     if not is_solvable:
         raise GeometryError(f"{what}: the equations have no solution, expected observations that fix the poses")

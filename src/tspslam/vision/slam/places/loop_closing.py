@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
 from ...._settings import Checked, setting
 from ....types import BoolArray, FloatArray
-from ...features.binary import Descriptors, match_descriptors, nearest_descriptors
+from ...features.binary import Descriptors, match_descriptors
 from ...images import Pyramid, build_pyramid
 from ...rig import project
-from ...se3 import normalised, repeated
+from ...se3 import inverse
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..pose import PoseEstimate, solve_pnp
 from ..tracking import Reference, TrackingSettings, refine_pose, track_pose
+from .map_index import MapIndex
 
-_MIN_STEP, _GUESSED = (
-    1e-6,
-    1e6,
-)  # m of way added to each step: a camera that only turns drifts too; a guessed step drifts most
+_ASKED = 50  # keyframes that look alike, of which those that are left and apart are tried
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,15 @@ class LoopSettings(Checked, what="tracking.loops"):
     min_error : float
         Error of old landmarks in the image, in the median, above which a loop is closed.
     candidates : int
-        Keyframes that a camera may have come back to, tried at each keyframe.
+        Keyframes that a camera may have come back to, tried at each keyframe: so many near it, so many that look alike.
     lost_candidates : int
         Keyframes that a lost camera may be near.
     sample : int
         Descriptors of an image that say which keyframes it is like.
+    min_words : float
+        Words that a keyframe which looks alike shares with an image; those that other keyframes show count less.
+    group : int
+        Keyframes, with those that see the same landmarks, whose landmarks are looked for together.
     max_distance : float
         Distance of a keyframe that a camera may have come back to, beside what the path may have drifted.
     drift_rate : float
@@ -50,6 +54,10 @@ class LoopSettings(Checked, what="tracking.loops"):
         Share of a keyframe's landmarks that are tracked already, from which it is not looked at.
     min_landmarks : int
         Landmarks that prove a place.
+    sure_landmarks : int
+        Landmarks that prove a place far from where the camera was thought to be, if the keyframe before was not there.
+    same_motion : float
+        How far two keyframes in a row that are both at a place may have it from where the path has them.
     same_landmark : float
         Distance of two observations, in u, v and disparity, of one landmark.
     max_hamming : float
@@ -73,7 +81,11 @@ class LoopSettings(Checked, what="tracking.loops"):
     min_error: float = setting(1.0, 0, 100, unit="px", source="by hand; half, twice: same paths")
     candidates: int = setting(2, 0, 100, unit="keyframes", source="by hand; half, twice: same paths")
     lost_candidates: int = setting(5, 0, 100, unit="keyframes", source="by hand; half, twice: same paths")
-    sample: int = setting(400, 1, 100_000, unit="descriptors", source="by hand; half, twice: same paths")
+    sample: int = setting(2000, 1, 100_000, unit="descriptors", source="all that the default detector finds")
+    min_words: float = setting(
+        2.0, 0, 1e6, unit="words", source="synthetic street, corridor: other places up to 1.5, the same 4 and more"
+    )
+    group: int = setting(3, 1, 100, unit="keyframes", source="as many as are tracked (references)")
     max_distance: float = setting(
         0.3, 0, 10, unit="m per m of depth", source="by hand; corridor 0.15: 1.5, 0.6: 1.7 mm (1.5)"
     )
@@ -83,6 +95,10 @@ class LoopSettings(Checked, what="tracking.loops"):
     known_share: float = setting(0.3, 0, 1, unit="", source="by hand; corridor 0.15: 1.7, 0.6: 1.5 mm (1.5)")
     min_landmarks: int = setting(
         30, 4, 10_000, unit="landmarks", source="twice what a pose needs; half, twice: same paths"
+    )
+    sure_landmarks: int = setting(120, 4, 100_000, unit="landmarks", source="four times what proves a place nearby")
+    same_motion: float = setting(
+        0.1, 0, 10, unit="m per m of depth", source="P3P of 15 points to 4 px of 700 is good to a twentieth"
     )
     same_landmark: float = setting(1.0, 0.01, 100, unit="px", source="by hand; corridor 0.5: 1.5, 2: 1.7 mm (1.5)")
     max_hamming: float = setting(
@@ -139,6 +155,11 @@ class PlaceRecognition:
     tracking: TrackingSettings
     loops: LoopSettings
 
+    @cached_property
+    def index(self) -> MapIndex:
+        """Keyframes by their looks."""
+        return MapIndex(self.map_)
+
     def relocalize(self, image: Pyramid, uv: FloatArray, descriptors: Descriptors) -> PoseEstimate | None:
         """Find where a lost camera is: by its descriptors among the landmarks of one keyframe; None if of none.
 
@@ -159,16 +180,12 @@ class PlaceRecognition:
             Without disparities.
         """
         map_, last = self.map_, self.map_.references()
-        older = map_.keyframes[: -len(last)]
-        similar = [older[k] for k in self._most_similar(older, descriptors)]
-        for frame in [*map_.keyframes[: -len(last) - 1 : -1], *similar]:
-            T = self._solve_pnp(frame, uv, descriptors)
+        newest = list(range(len(map_.keyframes) - 1, len(map_.keyframes) - 1 - len(last), -1))
+        for place in [*newest, *self._most_similar(descriptors)]:
+            frames = [map_.keyframes[place]] if place in newest else self._group(place)
+            T = self._solve_pnp(frames, uv, descriptors)
             if T is not None:
-                own = (
-                    []
-                    if frame.image is not None
-                    else self._references_to(frame, np.ones(len(frame.landmark), np.bool_))
-                )
+                own = [] if place in newest else self._references_to(frames, np.ones(len(map_.xyz), np.bool_))
                 estimate = track_pose(map_.rig, image, own or last, map_.xyz, T, self.tracking)
                 if estimate is not None and estimate.share >= self.tracking.relocalized_share:
                     return estimate
@@ -178,6 +195,10 @@ class PlaceRecognition:
         self, image: Pyramid, estimate: PoseEstimate, uv: FloatArray, descriptors: Descriptors
     ) -> LoopClosure | None:
         """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are tracked.
+
+        Keyframes near the camera are tried, then those that look like what it shows, wherever they are. A place is not
+        believed if it is farther from the camera than the path may have drifted. Nor is one away from where the camera
+        was thought to be, unless the keyframe before is there too, or very many landmarks are.
 
         Parameters
         ----------
@@ -194,16 +215,16 @@ class PlaceRecognition:
         -------
         LoopClosure or None
         """
-        map_ = self.map_
-        tracked = np.zeros(len(map_.xyz), np.bool_)
+        tracked = np.zeros(len(self.map_.xyz), np.bool_)
         tracked[estimate.landmark] = True
-        for place, slack in [*self.places_near(estimate, tracked), *self._places_before(descriptors)]:
-            frame = map_.keyframes[place]
-            T = self._solve_pnp(frame, uv, descriptors)
-            T = estimate.T_world_camera if T is None else T
-            reference = self._references_to(frame, ~tracked[frame.landmark])
-            found = track_pose(map_.rig, image, reference, map_.xyz, T, self.tracking) if reference else None
-            if found is not None and len(found) >= self.loops.min_landmarks and _distance(found, estimate) <= slack:
+        near = self.places_near(estimate, tracked)
+        for place, slack in near:
+            found = self._find_again(image, estimate, tracked, place, (uv, descriptors), is_near=True)
+            if found is not None and self._is_believed(found, estimate, place, slack):
+                return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
+        for place, slack in self.places_alike(estimate, tracked, descriptors, [place for place, _ in near]):
+            found = self._find_again(image, estimate, tracked, place, (uv, descriptors), is_near=False)
+            if found is not None and self._is_believed(found, estimate, place, slack):
                 return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
         return None
 
@@ -258,45 +279,131 @@ class PlaceRecognition:
             Keyframes with an image, none from before the map began anew; and how far, in m, the path may have drifted
             since.
         """
-        map_, loops, T = self.map_, self.loops, estimate.T_world_camera
-        count = len(map_.keyframes) - map_.window
-        if count <= 0:
-            return []
-        is_older = np.arange(count) >= _last_start(map_)
-        poses = np.array([frame.T_world_camera for frame in map_.keyframes])
-        depth = float(np.median((map_.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
+        loops, T = self.loops, estimate.T_world_camera
+        poses, slack = self._older(estimate)
+        start, depth = self.index.last_start, self._depth(estimate)
+        away: FloatArray = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
+        looks_alike = poses[:, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
+        near = np.isfinite(slack) & (away <= loops.max_distance * depth + slack) & looks_alike
+        near[:start] = False
+        order = np.flatnonzero(near)[np.argsort(away[near], kind="stable")].tolist()
+        left = (k for k in order if self._is_left(k, tracked))
+        return [(k, float(slack[k])) for k in islice(left, loops.candidates)]
+
+    def places_alike(
+        self, estimate: PoseEstimate, tracked: BoolArray, descriptors: Descriptors, known: Sequence[int]
+    ) -> list[tuple[int, float]]:
+        """Find older keyframes that look like what a camera shows, and whose landmarks it does not track.
+
+        How far they are from it weighs, but leaves none out: where the path may have drifted d, a keyframe counts half
+        at that distance beyond its view, a fifth at twice that.
+
+        Parameters
+        ----------
+        estimate : PoseEstimate
+            The camera.
+        tracked : (M,) bool
+            Landmarks that it tracks.
+        descriptors : (N, P) uint64
+            Of its keypoints.
+        known : sequence of int
+            Keyframes that were tried: neither they nor their neighbours are named.
+
+        Returns
+        -------
+        list of (int, float)
+            As `places_near`; infinite for those from before the map began anew: nobody knows how far away they are.
+        """
+        poses, slack = self._older(estimate)
+        places, words = self.index.query(self._sampled(descriptors), _ASKED)
+        places, words = places[places < len(slack)], words[places < len(slack)]
+        reach = self.loops.max_distance * self._depth(estimate)
+        away = np.linalg.norm(poses[places, :3, 3] - estimate.T_world_camera[:3, 3], axis=1)
+        worth = words / (1 + (np.maximum(0, away - reach) / np.maximum(slack[places], 1e-9)) ** 2)
+        order = np.lexsort((places, -worth))
+        likely = places[order][worth[order] >= self.loops.min_words].tolist()
+        left = (k for k in _apart(likely, known) if self._is_left(k, tracked))
+        return [(k, float(slack[k])) for k in islice(left, self.loops.candidates)]
+
+    def _older(self, estimate: PoseEstimate) -> tuple[FloatArray, FloatArray]:
+        """Poses (K, 4, 4) of the keyframes before the window, and how far the path may have drifted since each, m."""
+        poses, loops = self.index.poses, self.loops
+        count = max(0, len(poses) - self.map_.window)
         steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-        slack = loops.drift_slack * depth + loops.drift_rate * np.cumsum(steps[::-1])[::-1][:count]
-        away: FloatArray = np.linalg.norm(poses[:count, :3, 3] - T[:3, 3], axis=1)
-        looks_alike = poses[:count, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
-        near = is_older & (away <= loops.max_distance * depth + slack) & looks_alike
-        order = sorted(np.flatnonzero(near).tolist(), key=lambda k: float(away[k]))
-        return [(k, float(slack[k])) for k in order if self._is_left(map_.keyframes[k], tracked)][: loops.candidates]
+        slack = loops.drift_slack * self._depth(estimate) + loops.drift_rate * np.cumsum(steps[::-1])[::-1][:count]
+        slack[: self.index.last_start] = np.inf
+        return poses[:count], slack
 
-    def _places_before(self, descriptors: Descriptors) -> list[tuple[int, float]]:
-        """Keyframes from before the map began anew that look like an image: nobody knows how far away they are."""
-        start = _last_start(self.map_)
-        return [(k, np.inf) for k in self._most_similar(self.map_.keyframes[:start], descriptors)] if start else []
+    def _depth(self, estimate: PoseEstimate) -> float:
+        """Depth of the landmarks that a camera tracks, median, m."""
+        T = estimate.T_world_camera
+        return float(np.median((self.map_.xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
 
-    def _is_left(self, frame: Keyframe, tracked: BoolArray) -> bool:
+    def _is_left(self, place: int, tracked: BoolArray) -> bool:
+        frame = self.map_.keyframes[place]
         if frame.index not in self.map_.images or not len(frame.landmark):
             return False
         return bool(tracked[frame.landmark].mean() < self.loops.known_share)
 
-    def _solve_pnp(self, frame: Keyframe, uv: FloatArray, descriptors: Descriptors) -> FloatArray | None:
-        """Pose from a keyframe's landmarks, by descriptors alone; None if too few agree."""
+    def _group(self, place: int) -> list[Keyframe]:
+        """A keyframe and those that see most of its landmarks."""
+        others = sorted(self.map_.covisible(place), key=lambda one: (-one[1], one[0]))
+        chosen = [place, *(k for k, _ in others[: self.loops.group - 1])]
+        return [self.map_.keyframes[k] for k in chosen]
+
+    def _find_again(
+        self, image: Pyramid, estimate: PoseEstimate, tracked: BoolArray, place: int,
+        keypoints: tuple[FloatArray, Descriptors], *, is_near: bool,
+    ) -> PoseEstimate | None:  # fmt: skip
+        """Landmarks about a keyframe that an image shows, by descriptors, then patches; without those that are tracked.
+
+        Where descriptors give no pose, the camera's own is tried if that is near.
+        """
+        map_, frames = self.map_, self._group(place)
+        T = self._solve_pnp(frames, *keypoints)
+        if T is None and is_near:
+            T = estimate.T_world_camera
+        references = [] if T is None else self._references_to(frames, ~tracked)
+        found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking) if references else None
+        return found if found is not None and len(found) >= self.loops.min_landmarks else None
+
+    def _is_believed(self, found: PoseEstimate, estimate: PoseEstimate, place: int, slack: float) -> bool:
+        """Whether the path may have drifted so far, and it is no chance: near, many landmarks, or two keyframes."""
+        away = _distance(found, estimate)
+        if away > slack:
+            return False
+        if away <= self.loops.max_distance * self._depth(found) or len(found) >= self.loops.sure_landmarks:
+            return True
+        return self._is_confirmed(found, estimate, place)
+
+    def _is_confirmed(self, found: PoseEstimate, estimate: PoseEstimate, place: int) -> bool:
+        """Whether the map's last keyframe is at the place too, by its own descriptors, and where the path has it."""
+        last = self.map_.keyframes[-1]
+        before = self._solve_pnp(self._group(place), last.uv, self.map_.descriptors[last.landmark])
+        if before is None:
+            return False
+        expected = found.T_world_camera @ inverse(estimate.T_world_camera) @ last.T_world_camera
+        off = float(np.linalg.norm((before - expected)[:3, 3]))
+        return off <= self.loops.same_motion * self._depth(found)
+
+    def _solve_pnp(self, frames: Sequence[Keyframe], uv: FloatArray, descriptors: Descriptors) -> FloatArray | None:
+        """Pose from the landmarks of some keyframes, by descriptors alone; None if too few agree."""
         map_, loops = self.map_, self.loops
-        known = map_.descriptors[frame.landmark]
+        rows = np.unique(np.concatenate([frame.landmark for frame in frames]))
+        known = map_.descriptors[rows]
         keypoint, row = match_descriptors(descriptors, known, max_hamming=loops.max_hamming, ratio=loops.ratio)
-        points, least = map_.xyz[frame.landmark[row]], self.tracking.min_matches
+        points, least = map_.xyz[rows[row]], self.tracking.min_matches
         return solve_pnp(map_.rig, points, uv[keypoint], max_error=loops.pnp_error, min_matches=least)
 
-    def _references_to(self, frame: Keyframe, wanted: BoolArray) -> list[Reference]:
-        """Some landmarks of an older keyframe, to be tracked; none if its image is gone."""
-        grey = self.map_.images.get(frame.index)
-        if grey is None:
-            return []
-        return [Reference(build_pyramid(grey), frame.T_world_camera, frame.uv[wanted], frame.landmark[wanted])]
+    def _references_to(self, frames: Sequence[Keyframe], wanted: BoolArray) -> list[Reference]:
+        """Wanted landmarks (M,) that older keyframes see, each in the first of them; none of those without images."""
+        left, found = wanted.copy(), []
+        for frame in frames:
+            own, grey = left[frame.landmark], self.map_.images.get(frame.index)
+            if grey is not None and own.any():
+                found.append(Reference(build_pyramid(grey), frame.T_world_camera, frame.uv[own], frame.landmark[own]))
+                left[frame.landmark] = False
+        return found
 
     def _drift(self, found: PoseEstimate, T: FloatArray) -> float:
         """How far a camera at T would see landmarks from where they are, median, px."""
@@ -305,56 +412,24 @@ class PlaceRecognition:
             expected = project(map_.rig, (map_.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
         return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
 
-    def _most_similar(self, frames: list[Keyframe], descriptors: Descriptors) -> list[int]:
-        """The keyframes, of those with an image, whose landmarks are nearest to most of a sample of descriptors."""
-        map_, loops = self.map_, self.loops
-        sample = descriptors[:: max(1, len(descriptors) // loops.sample)]
-        is_seen = np.zeros(len(map_.xyz), np.bool_)
-        is_seen[nearest_descriptors(sample, map_.descriptors, max_hamming=loops.max_hamming)] = True
-        votes = np.array([is_seen[f.landmark].sum() if f.index in map_.images else 0 for f in frames], np.int64)
-        best = np.argsort(-votes, kind="stable")[: loops.lost_candidates].tolist()
-        return [k for k in best if votes[k] >= self.tracking.min_matches]
+    def _most_similar(self, descriptors: Descriptors) -> list[int]:
+        """Keyframes with an image, before the last ones, that share most words with what a lost camera shows."""
+        places, words = self.index.query(self._sampled(descriptors), _ASKED)
+        likely = places[words >= self.loops.min_words].tolist()
+        kept = (k for k in _apart(likely, []) if self.map_.keyframes[k].index in self.map_.images)
+        return list(islice(kept, self.loops.lost_candidates))
+
+    def _sampled(self, descriptors: Descriptors) -> Descriptors:
+        return descriptors[:: max(1, len(descriptors) // self.loops.sample)]
 
 
-def distribute_loop_error(map_: Map, place: int, T: FloatArray, T_world_camera: FloatArray) -> None:
-    """Close a loop: a camera at `T_world_camera` is at ``T @ T_world_camera``, as an older keyframe tells.
-
-    The keyframes since then take their share of T by the way they have come, and their landmarks go with them; a
-    step that was guessed takes almost all. The next adjustment is of the whole map.
-
-    Parameters
-    ----------
-    map_ : Map
-        Keyframes and landmarks; changed.
-    place : int
-        Which keyframe of the map.
-    T : (4, 4) float64
-        The error of the loop.
-    T_world_camera : (4, 4) float64
-        The camera's pose before.
-    """
-    since = map_.keyframes[place:]
-    centres = np.array([frame.T_world_camera[:3, 3] for frame in since] + [T_world_camera[:3, 3]])
-    guessed = np.array([frame.is_start for frame in since[1:]] + [False])
-    way = np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1) + np.where(guessed, _GUESSED, _MIN_STEP))
-    first_seen = np.full(len(map_.xyz), place)
-    for k in range(len(map_.keyframes) - 1, -1, -1):
-        first_seen[map_.keyframes[k].landmark] = max(k, place)
-    for k in range(place + 1, len(map_.keyframes)):
-        part = repeated(T, way[k - place - 1] / way[-1])
-        map_.keyframes[k] = replace(
-            map_.keyframes[k],
-            T_world_camera=normalised(part @ map_.keyframes[k].T_world_camera),
-            is_start=False,
-        )
-        moved = first_seen == k
-        map_.xyz[moved] = map_.xyz[moved] @ part[:3, :3].T + part[:3, 3]
-    map_.has_new_loop = True
-
-
-def _last_start(map_: Map) -> int:
-    """Keyframe with which the map last began anew and that is not yet joined to the earlier ones; else 0."""
-    return max((k for k, frame in enumerate(map_.keyframes) if frame.is_start), default=0)
+def _apart(places: Sequence[int], known: Sequence[int]) -> Iterator[int]:
+    """Places in their order, but for those beside an earlier or a known one: their landmarks are looked for with it."""
+    taken = set(known)
+    for place in places:
+        if not taken & {place - 1, place, place + 1}:
+            taken.add(place)
+            yield place
 
 
 def _distance(one: PoseEstimate, other: PoseEstimate) -> float:

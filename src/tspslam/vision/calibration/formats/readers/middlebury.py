@@ -98,7 +98,7 @@ def read_middlebury(source: Source, size: Size | None = None) -> Calibration:
     low, high, keys = _range(source)
     if keys is None:
         return rectified(found, KIND)
-    said = f"disparities are {low:g} to {high:g} px ({keys}): --set matcher.max_disparity={high:g} keeps to them"
+    said = f"a pair is searched for disparities from {low:g} to {high:g} px ({keys}), unless the matcher has limits"
     return replace(rectified(found, KIND, (said,)), disparity_range=(low, high))
 
 

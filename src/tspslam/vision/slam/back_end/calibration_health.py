@@ -1,0 +1,177 @@
+"""Whether the calibration fits what a moving camera saw: the offset of disparities, and the focal length.
+
+Near and far points ask for different motions where disparities are off, and a camera that turns sees its focal length.
+A wrong baseline scales path and map alike: nothing in a stereo path tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ....errors import GeometryError
+from ....types import FloatArray, Rig
+from ...se3 import inverse
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..least_squares.bundle import Observations
+from ..least_squares.offsets import Estimate, PieceEquations, Solution
+from .disparity_bias import CalibrationHealth, DisparityBias
+
+_PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
+_LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
+_VAGUE = 10.0  # px; an offset that is known no better is not known
+_LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
+_ONE = np.array([[1.0], [1], [1], [1], [0]])  # one offset of the four groups
+_TOGETHER = np.column_stack([_ONE, (0.0, 0, 0, 0, 1)])  # and the focal length
+_STEP = 1.5  # times that by which the middle third is off the middle: a step is 2 or more, wherever it is
+
+
+def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) -> CalibrationHealth | None:
+    """Measure what an adjusted map tells of its calibration.
+
+    Parameters
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+    rig : Rig
+        The cameras as calibrated.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
+    sigma_offset : float
+        Of the offset before anything is seen, px.
+
+    Returns
+    -------
+    CalibrationHealth or None
+        None where there is too little to tell.
+    """
+    every = _Pieces(map_, sigma_uv)
+    whole = every.equations(map_.keyframes)
+    if not whole:
+        return None
+    used = rig.doffs - map_.rig.doffs
+    ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
+    parts = [every.equations(map_.keyframes[start:end]) for start, end in pairwise(ends)]
+    thirds = [Solution(part, _ONE) if part else None for part in parts]
+    groups, turning = Solution(whole, np.eye(5)[:, :4]), Solution(whole, _TOGETHER)
+    return CalibrationHealth(
+        offset=_with_prior(Solution(whole, _ONE).combine((1.0,)).plus(used), sigma_offset),
+        thirds=tuple(None if third is None else _known(third.combine((1.0,)).plus(used)) for third in thirds),
+        drift=_drift(thirds),
+        far_near=groups.contrast((0.5, 0.5, -0.5, -0.5)),
+        right_left=groups.contrast((-0.5, 0.5, -0.5, 0.5)),
+        focal=turning.contrast((0.0, 1.0)),
+    )
+
+
+def _drift(thirds: Sequence[Solution | None]) -> Estimate | None:
+    """The offset of the last third less that of the first, if the middle one lies about between them."""
+    found = [None if third is None else _known(third.contrast((1.0,))) for third in thirds]
+    first, middle, last = found
+    if first is None or last is None:
+        return None
+    drift = last.less(first)
+    wobble = 0.0 if middle is None else middle.value - (first.value + last.value) / 2
+    return drift if abs(drift.value) > _STEP * abs(wobble) else Estimate(drift.value, max(drift.std, abs(wobble)))
+
+
+def _with_prior(found: Estimate, sigma: float) -> Estimate:
+    """An estimate with what was known before: where nothing moves, 0 ± `sigma`. A sure one is not pulled to 0."""
+    std = float((found.std**-2.0 + sigma**-2.0) ** -0.5)
+    return Estimate(found.value * (std / found.std) ** 2 if found.std > sigma else found.value, std)
+
+
+def _known(found: Estimate) -> Estimate | None:
+    return None if found.std > _VAGUE else found
+
+
+def settle_offset(bias: DisparityBias, map_: Map, rig: Rig, sigma_uv: float) -> bool:
+    """Judge an adjusted map: how sure its offset is, and whether that explains what was seen; if not, it is not used.
+
+    Parameters
+    ----------
+    bias : DisparityBias
+        The offset; changed.
+    map_ : Map
+        Keyframes and landmarks.
+    rig : Rig
+        The cameras as calibrated.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
+
+    Returns
+    -------
+    bool
+        Whether the offset is used; if not, the map is to be adjusted anew.
+    """
+    health = measure_health(map_, rig, sigma_uv, bias.sigma) if bias.is_used else None
+    if health is not None:
+        bias.settle(bias.value, health.offset.std)
+        bias.health, bias.is_used = health, not health.unexplained
+    return bias.is_used
+
+
+class _Pieces:
+    """Pieces of a map's path, each adjusted by itself."""
+
+    def __init__(self, map_: Map, sigma_uv: float) -> None:
+        self._map, self._sigma_uv = map_, sigma_uv
+        disparity = map_.observations()["disparity"]
+        known = disparity[np.isfinite(disparity)]
+        self._middle = float(np.median(known)) if len(known) else 0.0
+
+    def equations(self, frames: Sequence[Keyframe]) -> list[PieceEquations]:
+        """Those of some keyframes in a row, a piece after the other; none where there is too little to tell."""
+        count = max(1, -(-len(frames) // _PIECE))
+        ends = np.linspace(0, len(frames), count + 1).astype(int).tolist()
+        found = [self._of_piece(frames[start:end]) for start, end in pairwise(ends)]
+        return [each for each in found if each is not None]
+
+    def _of_piece(self, frames: Sequence[Keyframe]) -> PieceEquations | None:
+        if len(frames) < 2:
+            return None
+        seen, rows = self._observations(frames)
+        if len(rows) < _LEAST_POINTS:
+            return None
+        T, xyz, rig = np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], self._map.rig
+        try:
+            return PieceEquations(rig, T, xyz, seen, _columns(rig, T, xyz, seen, self._middle))
+        except GeometryError:
+            return None
+
+    def _observations(self, frames: Sequence[Keyframe]) -> tuple[Observations, FloatArray]:
+        """What the keyframes saw of landmarks that two of them see, and the rows of these."""
+        landmark = np.concatenate([frame.landmark for frame in frames])
+        rows, point, count = np.unique(landmark, return_inverse=True, return_counts=True)
+        is_kept = count[point] > 1
+        place = np.cumsum(count > 1) - 1
+        pose = np.repeat(np.arange(len(frames)), [len(frame.landmark) for frame in frames])
+        uv, disparity, sigma = (
+            np.concatenate([getattr(frame, name) for frame in frames])[is_kept] for name in ("uv", "disparity", "sigma")
+        )
+        sigma_uv = np.full(len(uv), self._sigma_uv)
+        seen = Observations(pose[is_kept], place[point[is_kept]], uv, disparity, sigma_uv, sigma)
+        return seen, rows[count > 1]
+
+
+def _columns(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observations, middle: float) -> FloatArray:
+    """Derivatives of (u, v, disparity), (O, 3, 5): by the offsets of far left, far right, near left, near right; by f.
+
+    The focal length counts by its logarithm; `middle` is the disparity from which points are near.
+    """
+    T_camera_world = inverse(T_world_camera)
+    points = (
+        np.einsum("oij,oj->oi", T_camera_world[seen.pose, :3, :3], xyz[seen.point]) + T_camera_world[seen.pose, :3, 3]
+    )
+    columns, known = np.zeros((len(points), 3, 5)), np.flatnonzero(np.isfinite(seen.disparity))
+    depth = np.maximum(points[:, 2], _LEAST_DEPTH)
+    expected = rig.fx * rig.baseline / depth - rig.doffs  # as measured ones would choose their group by their errors
+    group = 2 * (expected >= middle) + (seen.uv[:, 0] >= rig.width / 2)
+    columns[known, 2, group[known]] = 1
+    columns[:, 0, 4] = (rig.fx * points[:, 0] + rig.skew * points[:, 1]) / depth
+    columns[:, 1, 4] = rig.fy * points[:, 1] / depth
+    columns[known, 2, 4] = rig.fx * rig.baseline / depth[known]
+    return columns

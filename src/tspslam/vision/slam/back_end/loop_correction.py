@@ -1,0 +1,217 @@
+"""A loop is closed: a graph of the keyframes' poses takes its error out of the map, and landmarks go with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...._brief import Brief
+from ....types import FloatArray, Rig
+from ...se3 import inverse, normalised
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..least_squares.bundle import lens_of
+from ..least_squares.pose_graph import PoseEdges, optimise_poses
+from ..pose import PoseEstimate
+
+_LEAST_SHARED = 15  # landmarks that make two keyframes neighbours (Mur-Artal et al. 2015)
+# Information of each edge besides that of the landmarks: neighbours are some metres and less than a right angle apart.
+_LOOSE = np.diag([1.0] * 3 + [1e-2] * 3)  # 1 rad, 10 m
+_GUESSED = np.diag([1e-2] * 3 + [1e-6] * 3)  # of a step that was guessed: 10 rad, 1 km
+_MAX_STEPS = 20  # five times what a loop of 6 km with 60 m of error took
+_HUBER = 2.5  # standard deviations, as in `adjust`
+
+
+@dataclass(frozen=True, repr=False)
+class LoopProblem(Brief):
+    """The keyframes of a map, of which the last is seen from an older place.
+
+    Attributes
+    ----------
+    frames : tuple of Keyframe
+        K keyframes.
+    loop : Keyframe
+        The last one as older landmarks have it: its pose and what it sees of them.
+    xyz : (M, 3) float64
+        Landmarks, m.
+    rig : Rig
+        The cameras.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
+    """
+
+    frames: tuple[Keyframe, ...]
+    loop: Keyframe
+    xyz: FloatArray
+    rig: Rig
+    sigma_uv: float
+
+    @classmethod
+    def of(cls, map_: Map, sigma_uv: float) -> LoopProblem:
+        """Collect the keyframes of a map of which a loop is being closed.
+
+        Parameters
+        ----------
+        map_ : Map
+            Keyframes and landmarks.
+        sigma_uv : float
+            Standard deviation of a tracked point, px.
+
+        Returns
+        -------
+        LoopProblem
+        """
+        return cls(tuple(map_.keyframes), _seen_again(map_), map_.xyz, map_.rig, sigma_uv)
+
+    def solve(self) -> FloatArray:
+        """Find how each keyframe moves, so that neighbours keep their relative poses and the loop is closed.
+
+        An edge joins keyframes that follow each other or see landmarks in common; its information is what these
+        landmarks tell of the pose. The loop's edge joins the last keyframe to the one that sees most of the loop's.
+
+        Returns
+        -------
+        (K, 4, 4) float64
+            Motions in the world.
+
+        Raises
+        ------
+        GeometryError
+            If the edges do not fix the keyframes.
+        """
+        T = np.stack([frame.T_world_camera for frame in self.frames])
+        i, j, information = self._neighbours(T)
+        older, T_loop, own = self._loop_edge(T)
+        T_ij = np.concatenate([normalised(inverse(T[i]) @ T[j]), [T_loop]])
+        edges = PoseEdges(np.append(i, older), np.append(j, len(T) - 1), T_ij, np.concatenate([information, [own]]))
+        found = optimise_poses(T, edges, max_steps=_MAX_STEPS)
+        return normalised(found.T_world @ inverse(T))
+
+    def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""
+        i, j, shared = _sharing(self.frames, len(self.xyz))
+        share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
+        own = np.stack([self._information(*pair) for pair in zip(self.frames, T, strict=True)])
+        information = share[:, None, None] * own[j] + _LOOSE
+        is_guess = np.array([frame.is_start for frame in self.frames])[j] & (j == i + 1)
+        information[is_guess] = _GUESSED
+        return i, j, information
+
+    def _information(self, frame: Keyframe, T: FloatArray) -> FloatArray:
+        """What the sights of a keyframe at T tell of its pose, (6, 6), in its own frame."""
+        from ..least_squares._kernels import pose_equations
+
+        T_camera_world, S = inverse(T), np.empty((6, 6))
+        R, t = T_camera_world[:3, :3].copy(), T_camera_world[:3, 3].copy()
+        seen, weights = np.column_stack([frame.uv, frame.disparity]), np.empty((len(frame.uv), 2))
+        weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, frame.sigma**-2.0
+        pose_equations(lens_of(self.rig), R, t, self.xyz[frame.landmark], seen, weights, _HUBER, S, np.empty(6))
+        return S
+
+    def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+        """The older keyframe, where the last one is seen from there, and the information."""
+        loop = self.loop
+        older = _older_place(self.frames, loop, len(self.xyz))
+        information = self._information(loop, loop.T_world_camera) + _LOOSE
+        return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
+
+
+def _sharing(frames: Sequence[Keyframe], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs i < j of keyframes that follow each other or see landmarks in common, of `count`; how many these are."""
+    from scipy.sparse import csr_matrix, eye_array, triu
+
+    start = np.cumsum([0, *(len(frame.landmark) for frame in frames)])
+    landmark = np.concatenate([frame.landmark for frame in frames])
+    sees = csr_matrix((np.ones(len(landmark), np.int64), landmark, start), (len(frames), count))
+    pairs = triu(sees @ sees.T, 1) + triu(eye_array(len(frames), k=1, dtype=np.int64))  # one more where they follow
+    pairs = pairs.tocoo()
+    order = np.lexsort((pairs.col, pairs.row))
+    i, j = pairs.row[order].astype(np.int64), pairs.col[order].astype(np.int64)
+    shared = pairs.data[order] - (j == i + 1)
+    kept = (shared >= _LEAST_SHARED) | (j == i + 1)
+    return i[kept], j[kept], shared[kept]
+
+
+def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
+    """Which keyframe before the last sees most of the older landmarks of a loop, of `count` in the map."""
+    is_seen = np.zeros(count, np.bool_)
+    is_seen[loop.landmark] = True
+    return int(np.argmax([is_seen[frame.landmark].sum() for frame in frames[:-1]]))
+
+
+def prepare() -> None:
+    """Have what closes loops compiled, or read from disk, before the camera waits for it."""
+    T, one = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(6), (2, 1, 1))
+    optimise_poses(T, PoseEdges(np.array([0, 1]), np.array([1, 2]), T[:2], one), max_steps=1)
+
+
+def note_loop(
+    map_: Map, again: PoseEstimate, ids: NDArray[np.int64], spread: Callable[[FloatArray], FloatArray]
+) -> None:
+    """Note what the last keyframe sees of an older place, until the loop is closed.
+
+    Parameters
+    ----------
+    map_ : Map
+        Changed: its `loop`.
+    again : PoseEstimate
+        Older landmarks with disparities, and the pose that they give.
+    ids : (K,) int64
+        Numbers of these landmarks: rows may have moved since.
+    spread : callable
+        Standard deviations of the disparities at places (K, 2) of the image, (K,) px.
+    """
+    index, T = map_.keyframes[-1].index, again.T_world_camera
+    map_.loop = Keyframe(index, T, None, ids, again.uv, again.disparity, spread(again.uv))
+
+
+def _seen_again(map_: Map) -> Keyframe:
+    """The loop that is being closed, with the rows of those of its landmarks that the map still has."""
+    loop = map_.loop
+    assert loop is not None
+    at = np.minimum(np.searchsorted(map_.landmark_id, loop.landmark), len(map_.landmark_id) - 1)
+    kept = (map_.landmark_id[at] == loop.landmark) & (map_.view_counts(at) > 0)
+    columns = {name: getattr(loop, name)[kept] for name in ("uv", "disparity", "sigma")}
+    return replace(loop, landmark=at[kept], **columns)
+
+
+def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
+    """Move the keyframes, and each landmark with the one that first saw it; join what the last one sees of both ends.
+
+    Parameters
+    ----------
+    map_ : Map
+        Changed; its `loop` is closed, and its keyframes are not settled.
+    motions : (K, 4, 4) float64
+        As `LoopProblem.solve` gave them.
+    same_landmark : float
+        Distance of two observations, in u, v and disparity, of one landmark, px.
+    """
+    frames, loop = map_.keyframes, _seen_again(map_)
+    landmark = np.concatenate([frame.landmark for frame in reversed(frames)])
+    first_seen = np.zeros(len(map_.xyz), np.int64)
+    first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
+    moved, older = motions[first_seen], _older_place(frames, loop, len(map_.xyz))
+    map_.xyz = np.einsum("mij,mj->mi", moved[:, :3, :3], map_.xyz) + moved[:, :3, 3]
+    poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
+    for k in range(1, len(frames)):
+        frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
+    map_.unsettled = {frame.index for frame in frames[1:]}
+    map_.loop = None
+    _join_sights(map_, loop, same_landmark)
+
+
+def _join_sights(map_: Map, again: Keyframe, same_landmark: float) -> None:
+    """Have the last keyframe see what it sees again; landmarks that it sees in the same place become one."""
+    from scipy.spatial import cKDTree
+
+    own = map_.keyframes[-1]
+    places = [np.column_stack([frame.uv, frame.disparity]) for frame in (again, own)]
+    known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
+    away, nearest = cKDTree(places[0][known[0]]).query(places[1][known[1]], distance_upper_bound=same_landmark)
+    is_same = np.isfinite(away)
+    map_.merge_landmarks(again.landmark[known[0][nearest[is_same]]], own.landmark[known[1][is_same]])
+    map_.observe(len(map_.keyframes) - 1, again)

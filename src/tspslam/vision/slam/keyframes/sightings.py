@@ -1,0 +1,163 @@
+"""Which keyframes see each landmark: asked of some landmarks, it costs as many steps as these have been seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .columns import Column
+
+Rows = NDArray[np.int64]
+_NONE = -1  # no (further) sighting
+
+
+class Sightings:
+    """Keyframes by landmarks, as chains in one table: each sighting of a landmark leads to the one before.
+
+    Landmarks go by their rows in the map, keyframes by the numbers of their frames. What is said of a landmark takes
+    8 bytes for each keyframe that sees it, and 4 more.
+
+    Examples
+    --------
+    >>> sightings = Sightings()
+    >>> sightings.cover(3)
+    >>> sightings.add(np.array([0, 1]), 7)
+    >>> sightings.add(np.array([1, 2]), 9)
+    >>> at, frames = sightings.of(np.array([1]))
+    >>> sorted(frames.tolist())
+    [7, 9]
+    """
+
+    def __init__(self) -> None:
+        self._last = Column(np.empty(0, np.int32))  # of each landmark, its last sighting
+        self._before, self._frame = Column(np.empty(0, np.int32)), Column(np.empty(0, np.int32))  # of each sighting
+        self._free = Column(np.empty(0, np.int32))  # sightings that are none any more
+
+    def cover(self, count: int) -> None:
+        """Make room for landmarks that nobody sees yet.
+
+        Parameters
+        ----------
+        count : int
+            How many landmarks there are.
+        """
+        self._last.extend(np.full(max(0, count - len(self._last)), _NONE, np.int32))
+
+    def add(self, rows: Rows, frame: int) -> None:
+        """Note that a keyframe sees landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks that it was not noted to see, each once.
+        frame : int
+            Number of the frame.
+        """
+        entries = self._take(len(rows))
+        self._before.rows[entries], self._frame.rows[entries] = self._last.rows[rows], frame
+        self._last.rows[rows] = entries
+
+    def of(self, rows: Rows) -> tuple[Rows, Rows]:
+        """Find which keyframes see landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks.
+
+        Returns
+        -------
+        at : (S,) int64
+            For each sighting, which of `rows` is seen.
+        frame : (S,) int64
+            Number of the frame that sees it.
+        """
+        at, entry = self._walk(rows)
+        return at, self._frame.rows[entry].astype(np.int64)
+
+    def count(self, rows: Rows) -> Rows:
+        """Count the keyframes that see landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks.
+
+        Returns
+        -------
+        (K,) int64
+        """
+        return np.bincount(self._walk(rows)[0], minlength=len(rows))
+
+    def drop(self, rows: Rows, frames: Rows | int) -> None:
+        """Note that keyframes see landmarks no more.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks.
+        frames : (K,) int64 or int
+            Numbers of the frames.
+        """
+        landmark, which = np.unique(rows, return_inverse=True)
+        at, frame = self.of(landmark)
+        gone = np.isin(_pairs(at, frame), _pairs(which, np.broadcast_to(frames, len(rows))))
+        self.replace(landmark, at[~gone], frame[~gone])
+
+    def replace(self, rows: Rows, at: Rows, frames: Rows) -> None:
+        """Say anew who sees landmarks.
+
+        Parameters
+        ----------
+        rows : (K,) int64
+            Landmarks, each once.
+        at : (S,) int64
+            For each sighting, which of `rows` is seen.
+        frames : (S,) int64
+            Number of the frame that sees it.
+        """
+        self._free.extend(self._walk(rows)[1])
+        self._last.rows[rows] = _NONE
+        order = np.argsort(at, kind="stable")
+        at, entries = at[order], self._take(len(at))
+        is_first, is_last = np.diff(at, prepend=_NONE) != 0, np.diff(at, append=_NONE) != 0
+        self._frame.rows[entries] = frames[order]
+        self._before.rows[entries] = np.where(is_first, _NONE, np.roll(entries, 1))
+        self._last.rows[rows[at[is_last]]] = entries[is_last]
+
+    def keep(self, first: int, kept: NDArray[np.bool_]) -> None:
+        """Keep some landmarks from a row on, of which those that go are seen by nobody; the others move up.
+
+        Parameters
+        ----------
+        first : int
+            The row.
+        kept : (K,) bool
+            Which of the K from there on stay.
+        """
+        self._last.keep(first, kept)
+
+    def _walk(self, rows: Rows) -> tuple[Rows, Rows]:
+        """All sightings of landmarks, step by step back along their chains."""
+        at, entry, found = np.arange(len(rows)), self._last.rows[rows], []
+        while len(at):
+            goes_on = entry != _NONE
+            at, entry = at[goes_on], entry[goes_on]
+            found.append((at, entry))
+            entry = self._before.rows[entry]
+        nothing = np.empty(0, np.int64), np.empty(0, np.int32)
+        ats, entries = zip(nothing, *found, strict=True)
+        return np.concatenate(ats), np.concatenate(entries)
+
+    def _take(self, count: int) -> NDArray[np.int32]:
+        """Places in the table for new sightings."""
+        free: NDArray[np.int32] = self._free.pop(count)
+        start, more = len(self._frame), count - len(free)
+        for column in (self._before, self._frame):
+            column.extend(np.empty(more, np.int32))
+        return np.concatenate([free, np.arange(start, start + more, dtype=np.int32)])
+
+
+def _pairs(at: Rows, frame: Rows) -> Rows:
+    """One number for each pair."""
+    return at << 32 | frame

@@ -1,0 +1,224 @@
+"""Where a frame was taken: near a motion that goes on, or, where none is known, by descriptors first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import BoolArray, Features, FloatArray, Rig
+from ..features.binary import Descriptors, binary_descriptors, match_descriptors
+from ..features.detecting import detect_usable
+from ..images import PreparedImage
+from ..rig import project
+from .keyframes.keyframe import Keyframe
+from .keyframes.map import Map
+from .places.loop_closing import PlaceRecognition
+from .pose import PoseEstimate, fit_robustly, solve_pnp
+from .tracking import TrackingSettings, are_close, choose_pose, choose_widest, is_clear, track_closely, track_pose
+from .uncertainty import Sources, pose_covariance
+
+_HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
+_MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
+_GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
+_LEAST_MATCHES = 8  # that lead to a pose: P3P takes four; whether it is one, patches tell
+
+
+@dataclass(frozen=True)
+class Locator:
+    """Finds the pose of a frame in a map.
+
+    Attributes
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+    places : PlaceRecognition
+        Finds places seen before.
+    settings : TrackingSettings
+        How landmarks are tracked, and when a pose is believed.
+    detect : callable
+        Grey image -> `Features`.
+    """
+
+    map_: Map
+    places: PlaceRecognition
+    settings: TrackingSettings
+    detect: Callable[[NDArray[np.uint8]], Features]
+
+    def follow(self, image: PreparedImage, predicted: FloatArray) -> PoseEstimate | None:
+        """Find a pose near the one that a steady motion leads to; by descriptors where that is not clear.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+        predicted : (4, 4) float64
+            Where the motion leads.
+
+        Returns
+        -------
+        PoseEstimate or None
+            Without disparities; None if no pose is believed.
+        """
+        tracked = self._track(image, predicted)
+        if tracked is not None and not are_close(tracked, predicted, self.map_.xyz, self.settings):
+            closely = self._track_closely(image, predicted)  # something else may have drawn the first one away
+            both = [tracked] if closely is None else [tracked, closely]
+            tracked = self._choose(both) or tracked
+        if tracked is not None and is_clear(tracked, self.map_.xyz, predicted, self.settings):
+            return tracked
+        described = self._describe(image)
+        relocalized = self.places.relocalize(image.pyramid, *described)
+        chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
+        return chosen or self._choose(list(self._recognise(image, *described)))
+
+    def find(self, image: PreparedImage, guesses: Sequence[FloatArray]) -> PoseEstimate | None:
+        """Find a pose wherever it is: by descriptors of the last keyframes, then near guesses, then in the whole map.
+
+        Each is tried by patches; the next one where the poses so far are not clear. A second motion that descriptors
+        show is always tried: the first may be that of something large that moves.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+        guesses : sequence of (4, 4) float64
+            Poses that the camera may have.
+
+        Returns
+        -------
+        PoseEstimate or None
+            Without disparities; None if no pose is believed.
+        """
+        found: list[PoseEstimate] = []
+        best = None
+        for estimates in self._attempts(image, guesses, self._describe(image)):
+            found += estimates
+            best = self._choose(found)
+            if best is not None and best.share >= self.settings.clear_share:
+                break
+        return best
+
+    def _choose(self, found: list[PoseEstimate]) -> PoseEstimate | None:
+        return choose_widest(self.map_.rig, found, self.map_.xyz, self.settings)
+
+    def _attempts(
+        self, image: PreparedImage, guesses: Sequence[FloatArray], described: tuple[FloatArray, Descriptors]
+    ) -> Iterator[list[PoseEstimate]]:
+        """Poses found in one way after another."""
+        yield list(self._recognise(image, *described))
+        for guess in guesses:
+            tracked = self._track(image, guess)
+            yield [] if tracked is None else [tracked]
+        relocalized = self.places.relocalize(image.pyramid, *described)
+        yield [] if relocalized is None else [relocalized]
+
+    def is_dark(self, image: PreparedImage) -> bool:
+        """Whether an image shows too little to say where it was taken.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+
+        Returns
+        -------
+        bool
+        """
+        return len(detect_usable(image, self.detect).uv) < self.settings.min_matches
+
+    def _describe(self, image: PreparedImage) -> tuple[FloatArray, Descriptors]:
+        features = detect_usable(image, self.detect)
+        return features.uv, binary_descriptors(features.descriptor)
+
+    def _track(self, image: PreparedImage, T: FloatArray) -> PoseEstimate | None:
+        map_ = self.map_
+        return track_pose(map_.rig, image.pyramid, map_.references(), map_.xyz, T, self.settings)
+
+    def _track_closely(self, image: PreparedImage, T: FloatArray) -> PoseEstimate | None:
+        map_ = self.map_
+        return track_closely(map_.rig, image.pyramid, map_.references(), map_.xyz, T, self.settings)
+
+    def _recognise(self, image: PreparedImage, uv: FloatArray, descriptors: Descriptors) -> Iterator[PoseEstimate]:
+        """Poses from descriptors of the landmarks that are tracked, each without what agrees with those before it."""
+        map_, loops = self.map_, self.places.loops
+        rows = np.concatenate([reference.landmark for reference in map_.references()])
+        keypoint, known = match_descriptors(
+            descriptors, map_.descriptors[rows], max_hamming=loops.max_hamming, ratio=loops.ratio
+        )
+        rows, uv = rows[known], uv[keypoint]
+        for _ in range(_MOTIONS):
+            T = self._solve(rows, uv)
+            if T is None:
+                return
+            estimate = self._track_closely(image, T) or self._track(image, T)
+            if estimate is not None:
+                yield estimate
+                T = estimate.T_world_camera
+            is_left = ~_agree(map_.rig, T, map_.xyz[rows], uv, loops.pnp_error)
+            if is_left.all():  # patches led elsewhere
+                return
+            rows, uv = rows[is_left], uv[is_left]
+
+    def _solve(self, rows: NDArray[np.int64], uv: FloatArray) -> FloatArray | None:
+        """Pose from landmarks, some of them wrong, and where keypoints have them: P3P, then least squares."""
+        map_, most = self.map_, self.places.loops.pnp_error
+        T = solve_pnp(map_.rig, map_.xyz[rows], uv, max_error=most, min_matches=_LEAST_MATCHES)
+        if T is None:
+            return None
+        agree = _agree(map_.rig, T, map_.xyz[rows], uv, most)
+        known = PoseEstimate(T, rows[agree], uv[agree], np.full(agree.sum(), np.nan), np.eye(6))
+        fitted = fit_robustly(map_.rig, map_.xyz, known, (self.settings.rough_sigma_uv, 1.0), (_GATE,), _LEAST_MATCHES)
+        return T if fitted is None else fitted.T_world_camera
+
+
+def _agree(rig: Rig, T: FloatArray, xyz: FloatArray, uv: FloatArray, most: float) -> BoolArray:
+    """Which points a camera at T sees within some pixels of their places."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off: FloatArray = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
+    return off <= most
+
+
+def covariance_against_keyframe(
+    map_: Map, estimate: PoseEstimate, sigma_uv: float, sigma_disparity: FloatArray, offset_std: float
+) -> tuple[int, FloatArray]:
+    """Find the covariance of a pose against the keyframe that measured its landmarks (`pose_covariance`).
+
+    Parameters
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+    estimate : PoseEstimate
+        The pose, refined by disparities.
+    sigma_uv : float
+        Standard deviation of a tracked point, px.
+    sigma_disparity : (K,) float64
+        Standard deviations of disparities, px.
+    offset_std : float
+        Standard deviation of the offset that all disparities have in common, px.
+
+    Returns
+    -------
+    (int, (6, 6) float64)
+        Number of that keyframe's frame: the last one, unless it saw less than half; and the covariance.
+    """
+    recent = map_.keyframes[-map_.window :]
+    is_seen = np.array([np.isin(estimate.landmark, frame.landmark) for frame in recent])
+    holder = recent[-1]
+    if is_seen[-1].mean() < _HELD:
+        holder = max(map_.keyframes, key=lambda frame: int(np.isin(estimate.landmark, frame.landmark).sum()))
+    views, pull = np.maximum(is_seen.sum(axis=0), 1), _pull(map_, holder, estimate.landmark)
+    sources = Sources(holder.T_world_camera, pull, views, sigma_uv, sigma_disparity, offset_std)
+    return holder.index, pose_covariance(map_.rig, estimate, map_.xyz, sources)
+
+
+def _pull(map_: Map, frame: Keyframe, landmark: NDArray[np.int64]) -> FloatArray:
+    """How far from where its pose has them a keyframe saw landmarks, (K, 3) px; 0 where it did not."""
+    pull, (_, rows, own) = np.zeros((len(landmark), 3)), np.intersect1d(landmark, frame.landmark, return_indices=True)
+    rig, T = map_.rig, frame.T_world_camera
+    camera = (map_.xyz[landmark[rows]] - T[:3, 3]) @ T[:3, :3]
+    expected = np.column_stack([project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs])
+    pull[rows] = np.nan_to_num(np.column_stack([frame.uv[own], frame.disparity[own]]) - expected)
+    return pull

@@ -1,0 +1,218 @@
+"""The path of a camera: poses of all frames, each held by a keyframe."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import FloatArray, Trajectory
+from ..se3 import inverse, normalised, repeated
+from .keyframes.columns import Column
+from .keyframes.map import Map
+from .pose import PoseEstimate
+from .uncertainty import adjoint
+
+_LONGEST = 10.0  # intervals over which a motion is taken to go on
+_LAST = 5  # intervals that tell what the next one is
+_GAP = 1.5  # times their median, from which an interval is a gap: one frame left out makes 2
+
+
+class CameraPath:
+    """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
+
+    A frame takes some 700 bytes.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        Of the last frame.
+    lost : int
+        Frames lost in a row.
+    unplaced : int
+        The same without those that showed nothing.
+    was_lost : bool
+        Whether the frame before the last one was.
+    """
+
+    def __init__(self) -> None:
+        self._stamps = Column(np.empty(0))
+        self._anchors, self._anchored = Column(np.empty(0, np.int64)), Column(np.empty((0, 4, 4)))
+        self._held: dict[int, list[int]] = {}  # frames by the number of the keyframe that holds them
+        self.links: list[tuple[int, FloatArray]] = []  # frame that it was located against, covariance against it
+        self.pose, self.motion = np.eye(4), np.eye(4)
+        self.lost, self.unplaced, self.was_lost = 0, 0, False
+
+    @property
+    def stamps(self) -> FloatArray:
+        """When the frames were taken, (T,) float64, s."""
+        return self._stamps.rows
+
+    @property
+    def anchors(self) -> NDArray[np.int64]:
+        """Numbers of the keyframes that hold the frames, (T,) int64."""
+        return self._anchors.rows
+
+    @property
+    def anchored(self) -> FloatArray:
+        """Poses of the frames in these, ``T_keyframe_camera``, (T, 4, 4) float64."""
+        return self._anchored.rows
+
+    def restore(self, stamps: FloatArray, anchors: NDArray[np.int64], anchored: FloatArray) -> None:
+        """Put other frames in the place of these.
+
+        Parameters
+        ----------
+        stamps : (T,) float64
+            As `stamps`.
+        anchors : (T,) int64
+            As `anchors`.
+        anchored : (T, 4, 4) float64
+            As `anchored`.
+        """
+        self._stamps, self._anchors, self._anchored = Column(stamps), Column(anchors), Column(anchored)
+        self._held = {}
+        for frame, keyframe in enumerate(anchors.tolist()):
+            self._held.setdefault(keyframe, []).append(frame)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    @property
+    def is_motion_known(self) -> bool:
+        """Whether the last frames tell how the camera moves."""
+        return len(self) > 1 and self.lost == 0
+
+    def is_gap(self, stamp: float) -> bool:
+        """Whether a frame comes so late that its motion may be another one than the last.
+
+        Parameters
+        ----------
+        stamp : float
+            Its time, s.
+
+        Returns
+        -------
+        bool
+        """
+        usual = np.diff(self.stamps[-_LAST - 1 :])
+        return bool(len(usual) and stamp - self.stamps[-1] > _GAP * np.median(usual))
+
+    def predict(self, stamp: float) -> FloatArray:
+        """Find the pose at a stamp if the last motion goes on at its speed.
+
+        Parameters
+        ----------
+        stamp : float
+            Time, s.
+
+        Returns
+        -------
+        (4, 4) float64
+        """
+        if len(self) < 2:
+            return self.pose
+        before, last = self.stamps[-2:].tolist()
+        share = (stamp - last) / (last - before) if last > before else 1.0
+        return normalised(self.pose @ repeated(self.motion, min(share, _LONGEST)))
+
+    def last_found(self, map_: Map) -> FloatArray:
+        """Tell where the camera was when it was last found.
+
+        Parameters
+        ----------
+        map_ : Map
+            Its keyframes.
+
+        Returns
+        -------
+        (4, 4) float64
+        """
+        last = max(0, len(self) - 1 - self.lost)
+        index, T = self.anchors[last], self.anchored[last]
+        pose: FloatArray = next(frame.T_world_camera for frame in reversed(map_.keyframes) if frame.index == index) @ T
+        return pose
+
+    def advance(self, predicted: FloatArray, estimate: PoseEstimate | None, is_dark: bool = False) -> None:
+        """Go to a frame's pose, or to the predicted one where it is lost.
+
+        Parameters
+        ----------
+        predicted : (4, 4) float64
+            Where a constant velocity has it.
+        estimate : PoseEstimate or None
+            Where it was found.
+        is_dark : bool
+            Whether the frame shows nothing.
+        """
+        self.unplaced = 0 if estimate is not None else self.unplaced + (not is_dark)
+        self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
+        pose = predicted if estimate is None else estimate.T_world_camera
+        moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
+        self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
+
+    def record(self, stamp: float, map_: Map, link: tuple[int, FloatArray]) -> None:
+        """Note the last frame, relative to the last keyframe; frames of culled ones go to their replacements.
+
+        Parameters
+        ----------
+        stamp : float
+            Time of the frame, s.
+        map_ : Map
+            Its keyframes.
+        link : (int, (6, 6) float64)
+            Number of the keyframe that it was located against, and the covariance of its pose against it.
+        """
+        self.links.append(link)
+        for gone, other, T in map_.dropped:
+            held = self._held.pop(gone, [])
+            self._held.setdefault(other, []).extend(held)
+            self.anchors[held] = other
+            for frame in held:
+                self.anchored[frame] = T @ self.anchored[frame]
+        map_.dropped.clear()
+        last = map_.keyframes[-1]
+        self._held.setdefault(last.index, []).append(len(self))
+        self._stamps.extend([stamp])
+        self._anchors.extend([last.index])
+        self._anchored.extend([inverse(last.T_world_camera) @ self.pose])
+
+    def trajectory(self, map_: Map) -> Trajectory:
+        """Put the frames where their keyframes are now.
+
+        Parameters
+        ----------
+        map_ : Map
+            Its keyframes.
+
+        Returns
+        -------
+        Trajectory
+        """
+        keyframes = np.array([frame.index for frame in map_.keyframes], np.int64)
+        poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
+        return Trajectory(self.stamps.copy(), poses[np.searchsorted(keyframes, self.anchors)] @ self.anchored)
+
+    def covariance_from_start(self, frame: int, poses: FloatArray) -> FloatArray:
+        """Find the covariance of a frame's pose against the first one: its own and those of the keyframes before it.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+        poses : (T, 4, 4) float64
+            Of all frames.
+
+        Returns
+        -------
+        (6, 6) float64
+            Of (ω, υ), rad and m, in the camera's frame.
+        """
+        T_camera_world, total = inverse(poses[frame]), np.zeros((6, 6))
+        while frame > 0:
+            earlier, covariance = self.links[frame]
+            if not np.isfinite(covariance).all():
+                return np.full((6, 6), np.inf)
+            across = adjoint(T_camera_world @ poses[frame])
+            total += across @ covariance @ across.T
+            frame = earlier
+        return total

@@ -1,0 +1,117 @@
+"""A loop is closed beside the tracking, and lands at a fixed frame: same bytes with any threads, and resumed meanwhile."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam import Trajectory, evaluate_trajectory
+from tspslam._threads import set_threads
+from tspslam.vision.se3 import inverse
+from tspslam.vision.slam.back_end import jobs
+from tspslam.vision.slam.keyframes.settings import MapSettings
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
+
+from ...sequences import DETECTOR, SMALL_RIG, corridor
+from .bending import bend
+
+THERE = 30  # frames; 0.5 m each
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Pairs and true poses of a walk down a corridor and back."""
+    sequence = corridor(THERE * 0.5, SMALL_RIG)
+    order = [*range(THERE), *range(THERE - 1, -1, -1)]
+    pairs = [replace(sequence[k], stamp=float(n), index=n) for n, k in enumerate(order)]
+    return pairs, sequence.truth[order]
+
+
+def began(walk, tracking=None):
+    """An odometry that walked there, whose map then drifted by 6 cm and a quarter of a degree."""
+    odometry, T = StereoOdometry(SMALL_RIG, detector=DETECTOR, tracking=tracking), np.eye(4)
+    for pair in walk[0][:THERE]:
+        odometry.process(pair)
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
+    before, (c, s) = odometry.map.keyframes[-1].T_world_camera, (np.cos(0.004), np.sin(0.004))
+    T[:3, :3], T[:3, 3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]], (0.05, 0, 0.03)
+    bend(odometry.map, T)
+    odometry.path.pose = odometry.map.keyframes[-1].T_world_camera @ inverse(before) @ odometry.path.pose
+    return odometry
+
+
+def proceed(odometry, pairs, until=None):
+    """Process pairs, up to where something is so; returns the rest."""
+    for k, pair in enumerate(pairs):
+        if until and until():
+            return pairs[k:]
+        odometry.process(pair)
+    return []
+
+
+def ends_alike(one, other):
+    for odometry in (one, other):
+        odometry.finish()
+        odometry.close()
+    same = [np.array_equal(one.trajectory.T_world_camera, other.trajectory.T_world_camera)]
+    same += [np.array_equal(getattr(one.map, name), getattr(other.map, name)) for name in ("xyz", "landmark_id")]
+    return all(same) and one.mapper.closures == other.mapper.closures
+
+
+def resumed(odometry, walk):
+    other = StereoOdometry(SMALL_RIG, detector=DETECTOR, tracking=odometry.tracking)
+    other.restore(odometry.state(), lambda number: walk[0][number].left)
+    return other
+
+
+@pytest.mark.parametrize("when", ["a loop is being closed", "pieces are left"])
+def test_resumed_with_one_thread_while_something_is_under_way_it_goes_on_alike(walk, monkeypatch, when):
+    monkeypatch.setattr(jobs, "PIECE", 3)
+    odometry = began(walk)
+    world = odometry.map
+    moments = {
+        "a loop is being closed": lambda: world.loop is not None,
+        "pieces are left": lambda: world.unsettled and odometry.mapper.is_adjusting,
+    }
+    rest = proceed(odometry, walk[0][THERE:], moments[when])
+    assert rest
+    assert odometry.mapper.is_adjusting
+    try:
+        set_threads(1)
+        other = resumed(odometry, walk)
+    finally:
+        set_threads(None)
+    proceed(odometry, rest)
+    proceed(other, rest)
+    assert ends_alike(odometry, other)
+
+
+def test_a_loop_lands_within_two_frames_and_the_camera_goes_with_its_keyframe(walk):
+    odometry = began(walk)
+    world, mapper, path = odometry.map, odometry.mapper, odometry.path
+    rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
+    begun = world.keyframes[-1].index
+    assert mapper.closures[-1][0] == begun
+    T = inverse(world.keyframes[-1].T_world_camera) @ path.pose
+    moved = mapper.join(path.pose)
+    np.testing.assert_allclose(inverse(world.keyframes[-1].T_world_camera) @ moved, T, atol=1e-9)
+    assert world.loop is None
+    assert not mapper.is_adjusting
+    path.pose = moved
+    proceed(odometry, rest, lambda: len(path) > begun + 2)
+    assert world.loop is None or world.keyframes[-1].index > begun
+
+
+def test_a_large_map_is_adjusted_in_pieces_at_the_end(walk):
+    """As many keyframes as there may be: the path is as good as where all are adjusted at once."""
+    ends = []
+    for most in (2, 500):
+        odometry = began(walk, Tracking(map=MapSettings(max_keyframes=most)))
+        proceed(odometry, walk[0][THERE:])
+        assert len(odometry.map.keyframes) > 2
+        odometry.finish()
+        odometry.close()
+        assert not odometry.map.unsettled
+        path = odometry.trajectory
+        ends.append(evaluate_trajectory(path, Trajectory(path.stamp, walk[1])).ate_rmse_m)
+    assert ends[0] < 2 * ends[1]

@@ -1,0 +1,121 @@
+"""What drives before the camera, glare, missing frames, darkness and a kidnapping do not decide where the camera is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tspslam.datasets import synthetic
+from tspslam.vision.se3 import inverse
+from tspslam.vision.slam.odometry import StereoOdometry
+
+from ...sequences import DETECTOR, RIG, Kept, corridor
+
+NOISE = synthetic.Faults(noise=0.01, blur=0.5)
+
+
+def drive(pairs):
+    odometry = StereoOdometry(pairs[0].rig, detector=DETECTOR)
+    return odometry, [odometry.process(pair) for pair in pairs]
+
+
+def step_errors(tracked, truth):
+    """How far each step ends from where it should, m."""
+    found = np.array([one.T_world_camera for one in tracked])
+    ours, true = (inverse(poses[:-1]) @ poses[1:] for poses in (found, truth))
+    return np.linalg.norm((inverse(true) @ ours)[:, :3, 3], axis=1)
+
+
+def behind_a_car(width, height, ahead, speed):
+    """A street, 1 m a frame, with a car ahead that is that many metres a frame fast."""
+    scene = synthetic.street(30.0)
+    T = scene.path[0]
+    place = T @ (0.0, 1.65 - height / 2, ahead + 1.5, 1.0)
+    look = synthetic.Texture(7, 0.02, 0.5, 0.9)
+    car = replace(
+        synthetic.box(width, height, 3.0, texture=look, name="car").at(*place[:3]), velocity=(0, 0, 10 * speed)
+    )
+    scene = replace(scene, shapes=(*scene.shapes, car), path=scene.path[:5])
+    return synthetic.SyntheticSequence(scene, RIG, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "ahead", "speed"),
+    [(2.0, 1.8, 4.0, 1.0), (2.5, 2.8, 3.5, 1.0), (2.5, 2.5, 5.0, 1.5), (2.5, 2.5, 6.0, 0.5)],
+)
+def test_a_car_before_the_camera_does_not_carry_it_along(width, height, ahead, speed):
+    """It takes up to 0.44 of the first image; over a half of it, it is taken for the world."""
+    sequence = behind_a_car(width, height, ahead, speed)
+    assert (sequence.geometry(0).label == len(sequence.scene.shapes)).mean() > 0.1
+    _, tracked = drive(list(sequence))
+    assert not any(one.is_lost for one in tracked)
+    assert step_errors(tracked, sequence.truth).max() < 0.03
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return corridor(12.0, blur=0.5)
+
+
+def dazzled(image):
+    """A sun with a veil around it that saturates a fifth of the image, and brightens the rest."""
+    v, u = np.indices(image.shape)
+    away = np.hypot(u - 0.6 * image.shape[1], v - 0.3 * image.shape[0]) / image.shape[1]
+    return np.clip(image + 400 * np.exp(-((away / 0.25) ** 2)) + 20, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_glare_in_one_camera_from_the_first_frame_on_costs_little(walk, side):
+    pairs = [replace(walk[k], **{side: dazzled(getattr(walk[k], side))}) if k < 4 else walk[k] for k in range(8)]
+    assert (getattr(pairs[0], side) == 255).mean() > 0.15
+    _, tracked = drive(pairs)
+    assert not any(one.is_lost for one in tracked)
+    assert step_errors(tracked, walk.truth[:8]).max() < 0.03
+
+
+def test_one_frame_of_three_may_be_missing(walk):
+    kept = [k for k in range(len(walk)) if k % 3 != 2]
+    odometry, tracked = drive([walk[k] for k in kept])
+    assert not any(one.is_lost for one in tracked)
+    assert step_errors(tracked, walk.truth[kept]).max() < 0.02
+    last = odometry.path.stamps[-1]
+    assert odometry.path.is_gap(last + 0.4)
+    assert not odometry.path.is_gap(last + 0.1)
+
+
+def shown(pair, k):
+    """The pair as the k-th frame of another sequence."""
+    return replace(pair, index=k, stamp=k / 10, name=f"shown_{k:06d}")
+
+
+def from_first(tracked, truth):
+    return np.linalg.norm((inverse(truth) @ tracked.T_world_camera)[:3, 3])
+
+
+def test_a_kidnapped_camera_is_found_where_it_was_put(walk):
+    """From one frame to the next 5 m back, or to a place that it knows nothing of: there it is lost, and says so."""
+    pairs = [*(walk[k] for k in range(16)), *(shown(walk[k], 10 + k) for k in (6, 7, 8))]
+    _, tracked = drive(pairs)
+    assert from_first(tracked[-1], walk.truth[8]) < 0.05
+    for one, k in zip(tracked[16:], (6, 7, 8), strict=True):
+        assert one.is_lost or from_first(one, walk.truth[k]) < 0.05
+    other = Kept(synthetic.room(frames=60), RIG, NOISE)
+    _, tracked = drive([*(walk[k] for k in range(6)), *(shown(other[k], 6 + k) for k in range(2))])
+    assert [one.is_lost for one in tracked[6:]] == [True, True]
+    assert np.isinf(tracked[-1].covariance).all()
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_after_thirty_black_frames_a_camera_is_found_within_three(walk, moved):
+    """At the place where it was, or half a metre further on."""
+    seen = 8
+    black = np.zeros_like(walk[0].left)
+    dark = [shown(replace(walk[seen], left=black, right=black), seen + k) for k in range(30)]
+    places = [seen + moved + k for k in range(3)]
+    pairs = [*(walk[k] for k in range(seen)), *dark, *(shown(walk[k], seen + 30 + j) for j, k in enumerate(places))]
+    odometry, tracked = drive(pairs)
+    assert all(one.is_lost for one in tracked[seen : seen + 30])
+    assert not tracked[-1].is_lost
+    assert from_first(tracked[-1], walk.truth[places[-1]]) < 0.05
+    assert np.isfinite(odometry.covariance_from_start(len(pairs) - 1)).all()
+    assert np.isinf(odometry.covariance_from_start(seen + 10)).all()
