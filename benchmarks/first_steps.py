@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.first_steps [--data FOLDER]... [--every N]``: streets at 0 to 3 m and 0 to 15 degrees a frame;
 recordings started at every tenth frame, with 1 of 1, 2 and 3 frames. A start is right if it is not lost and ends within
-3 % of the step, or 0.02 m, of the reference: the truth of a street; of a recording the adjusted path of the whole run, as
-its truth has errors of its own a step. What the truth says is told beside.
+3 % of the step, or 0.02 m, of the reference: the truth of a street; of a recording the adjusted path of the whole run,
+as its truth has errors of its own a step. What the truth says is told beside.
 """
 
 from __future__ import annotations

@@ -29,6 +29,7 @@ from tspslam.io import RunFolder
 from tspslam.run.config import resolve
 from tspslam.run.sequence import SequenceRun
 from tspslam.session import Session
+from tspslam.vision.se3 import inverse
 
 from .town_images import Town, opened, render
 from .town_measures import CLOSED, far_closures, motion_errors, revisits, runs, tied
@@ -36,6 +37,7 @@ from .town_measures import CLOSED, far_closures, motion_errors, revisits, runs, 
 WITHOUT_LOOPS = ("tracking.loops.candidates=0", "tracking.loops.lost_candidates=0")
 KILOMETRE = 1000.0  # m
 WARM = 40  # frames before it is timed: some keyframes
+OFTEN = 100  # frames from one line of progress to the next
 LONGEST = 10  # frames that are named
 MB = 1024.0  # KB
 
@@ -60,9 +62,11 @@ def follow(town: Town, folder: Path, wanted: slice, settings: tuple[str, ...]) -
         session = Session(sequence.rig, resolved, keep=False)
         run = SequenceRun(sequence, places, session, kept)
         clock, cpu = time.perf_counter(), time.process_time()
-        for _ in run.proceed(lambda frame: times.waited.append(frame.seconds.get("wait", 0.0))):
+        for done, index in run.proceed(lambda frame: times.waited.append(frame.seconds.get("wait", 0.0))):
             times.clock.append(time.perf_counter() - clock)
             times.cpu.append(time.process_time() - cpu)
+            if done % OFTEN == 0:
+                say(run, done, inverse(sequence.truth[places.start]) @ sequence.truth[index])
             clock, cpu = time.perf_counter(), time.process_time()
         before = run.trajectory
         started = time.perf_counter()
@@ -74,12 +78,25 @@ def follow(town: Town, folder: Path, wanted: slice, settings: tuple[str, ...]) -
         is_lost = np.flatnonzero([row.is_lost for row in run.tracked])
         found |= {"seconds of the last adjustment": finished, "frames lost": len(is_lost), "lost": runs(is_lost)}
         session.close()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MB
+    peak = resident()
     return (
         found
         | speeds(times, truth)
         | {"peak memory, MB": peak, "first frame": int(sequence.stamps[places.start] * 10 + 0.5)}
     )
+
+
+def say(run: SequenceRun, done: int, true: NDArray[np.float64]) -> None:
+    """How far a drive is, and how far off the camera is now, seen from its start."""
+    odometry: Any = run.session.odometry
+    off = np.linalg.norm((run.session.trajectory.T_world_camera[-1] - true)[:3, 3])
+    counts = f"{run.keyframes} keyframes, {run.lost} lost, closures {odometry.mapper.closures}"
+    print(f"{done} frames: {off:.3f} m off, {counts}, {resident():.0f} MB", flush=True)
+
+
+def resident() -> float:
+    """Largest resident memory of this process so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MB
 
 
 def measure(path: Trajectory, truth: Trajectory, odometry: Any) -> dict[str, Any]:

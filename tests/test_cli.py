@@ -79,6 +79,18 @@ def test_a_pair_reads_its_calibration_once(monkeypatch, pair_files):
     assert (len(pairs), len(opened)) == (1, 1)
 
 
+@pytest.mark.parametrize("rows", [0, 1, -2])
+def test_rows_that_differ_are_warned_of(capsys, pair_files, rows):
+    right = np.roll(np.asarray(Image.open(pair_files / "right.png")), rows, axis=0)
+    Image.fromarray(right).save(pair_files / "right.png")
+    code, out, _ = run_pair(capsys, pair_files, "--json")
+    said = [each["message"] for each in json.loads(out)["warnings"] if each["code"] == "vertical_offset"]
+    assert (code, len(said)) == (0, int(rows != 0))
+    if rows:
+        found = re.match(r"rows of the right image are off by ([-+][0-9.]+) ±", said[0])
+        assert abs(float(found[1]) - rows) < 0.2
+
+
 def test_a_pair_is_searched_for_the_disparities_that_its_calibration_tells(capsys, pair_files):
     rig = read_calibration(pair_files / "calib.yaml").cameras
     right = f"[{rig.fx} 0 {rig.cx + rig.doffs}; 0 {rig.fy} {rig.cy}; 0 0 1]"

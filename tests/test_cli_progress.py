@@ -241,6 +241,8 @@ def test_the_table_is_plain_narrow_and_names_commands_that_run(capsys, sequence,
     assert re.fullmatch(r"\d+ vertices, \d+ edges, \d+ faces", rows["complex"])
     assert re.fullmatch(r"at \d+ vertices", rows["response"])
     assert re.fullmatch(r"[\d.]+ s(, [\d.e+]+ frames/s)?", rows["time"])
+    spent = re.fullmatch(r"\w+ ([\d.]+) s, \w+ ([\d.]+) s, \w+ ([\d.]+) s, others [\d.]+ s", rows["spent"])
+    assert sorted(map(float, spent.groups()), reverse=True) == [*map(float, spent.groups())]
     files = [line.split(":", 1)[1].strip() for line in lines if line.startswith(("pictures:", "report:", "map:"))]
     assert len(files) == 3
     assert all(os.path.exists(each) for each in files)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
 from .errors import InputError
@@ -13,6 +14,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 _MAX = 1024
 _budget: int | None = None  # None: as many as there are cores
+_own = threading.local()  # each thread's second one
 
 
 def set_threads(count: int | None) -> None:
@@ -51,10 +53,30 @@ def both(function: Callable[[A], B], items: tuple[A, A]) -> tuple[B, B]:
     """Apply `function` to two items at a time, one of them in this thread."""
     if thread_count() < 2:
         return function(items[0]), function(items[1])
-    with ThreadPoolExecutor(1) as pool:
-        first = pool.submit(function, items[0])
+    first = _helper().submit(function, items[0])
+    try:
         second = function(items[1])
-        return first.result(), second
+    finally:
+        wait([first])  # nothing goes on behind the back of an error
+    return first.result(), second
+
+
+def _helper() -> ThreadPoolExecutor:
+    """The second thread of this one: started once, as that takes as long as half a kernel; it ends with this one."""
+    if not hasattr(_own, "helper"):
+        _own.helper = ThreadPoolExecutor(1)
+    helper: ThreadPoolExecutor = _own.helper
+    return helper
+
+
+def _forget_helpers() -> None:
+    """In a process that was forked: threads do not come along."""
+    global _own
+    _own = threading.local()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_helpers)
 
 
 def in_halves(function: Callable[[slice], None], count: int, least: int = 2) -> None:

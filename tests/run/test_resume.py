@@ -266,30 +266,36 @@ class Loop:
         return self.pairs[index]
 
 
-def run_loop(pairs, out, monkeypatch, **options):
+def run_loop(pairs, out, **options):
     """Run over a loop, with a checkpoint at each frame."""
-    monkeypatch.setattr("tspslam.run.sequence._EVERY", 1)
-    monkeypatch.setattr("tspslam.run.sequence._SHARE", 0.0)
-    return run(Loop(pairs), out, resolve(assignments=SETTINGS), **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tspslam.run.sequence._EVERY", 1)
+        patch.setattr("tspslam.run.sequence._SHARE", 0.0)
+        return run(Loop(pairs), out, resolve(assignments=SETTINGS), **options)
+
+
+@pytest.fixture(scope="module")
+def closed(loop, tmp_path_factory):
+    """A run that closed a loop."""
+    return run_loop(loop, tmp_path_factory.mktemp("loop") / "run")
 
 
 @pytest.mark.parametrize("later", [0, 1, 2])  # frames after the one that closes the loop
-def test_killed_while_a_loop_closes_it_ends_with_the_same_bytes(loop, tmp_path, monkeypatch, later):
-    whole = run_loop(loop, tmp_path / "whole", monkeypatch)
-    assert whole.run["loops"] > 0
-    closed = whole.run["loop_closures"][0][0]
-    assert closed + 1 + later < len(loop)
+def test_killed_while_a_loop_closes_it_ends_with_the_same_bytes(loop, closed, tmp_path, later):
+    assert closed.run["loops"] > 0
+    stop = closed.run["loop_closures"][0][0] + 1 + later
+    assert stop < len(loop)
 
     def kill(step):
-        if step.stage == "tracking" and step.done == closed + 1 + later:
+        if step.stage == "tracking" and step.done == stop:
             os.kill(os.getpid(), signal.SIGKILL)
 
     child = os.fork()
     if not child:
-        run_loop(loop, tmp_path / "run", monkeypatch, on_step=kill)
+        run_loop(loop, tmp_path / "run", on_step=kill)
         os._exit(1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     seen = []
-    run_loop(loop, tmp_path / "run", monkeypatch, progress=lambda *given: seen.append(given))
+    run_loop(loop, tmp_path / "run", progress=lambda *given: seen.append(given))
     assert 0 < len(seen) < len(loop)  # it went on from a checkpoint
-    assert content(tmp_path / "run") == content(tmp_path / "whole")
+    assert content(tmp_path / "run") == content(closed.folder)

@@ -15,6 +15,7 @@ from ..printing import note, remarks_as_json, say
 if TYPE_CHECKING:
     from ..run.pipeline import RunResult
 
+_STAGES = 3  # of a run that its time is told of: more do not fit the line
 COMPLETE, INTERNAL, USAGE, BAD_INPUT, DEGRADED, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 
 app = typer.Typer(
@@ -100,7 +101,7 @@ def tabulate_run(run: dict[str, Any], times: dict[str, Any]) -> list[str]:
         measured = run["evaluation"]
         rows["error"] = f"{measured['ate_rmse_m']:.3g} m (ATE, {measured['matched']} of {measured['total']} poses)"
     if times:
-        rows["time"] = _say_times(times, run["frames"])
+        rows |= {"time": _say_times(times, run["frames"]), "spent on": _say_stages(times["stages_s"])}
     count = f"{run['frames']} frame{'s' if run['frames'] > 1 else ''} of " if times else ""
     return [f"{run['status']}: {count}{run['source']}", *(f"  {name:<9}  {said}" for name, said in rows.items())]
 
@@ -112,6 +113,14 @@ def _say_times(times: dict[str, Any], frames: int) -> str:
     if anew < frames:
         said += f", {anew or 'none'} of the frames anew"
     return f"{said}, {rate:.3g} frames/s" if rate else said
+
+
+def _say_stages(seconds: dict[str, float]) -> str:
+    """Words for the stages that took longest, the first the longest, and what is left."""
+    stages = sorted(seconds.items(), key=lambda each: -each[1])
+    said = [f"{stage} {spent:.1f} s" for stage, spent in stages[:_STAGES]]
+    rest = sum(spent for _, spent in stages[_STAGES:])
+    return ", ".join([*said, f"others {rest:.1f} s"] if len(stages) > _STAGES else said)
 
 
 def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:

@@ -68,7 +68,7 @@ def rows_offset(offsets: Sequence[float] | FloatArray) -> Estimate | None:
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         Median of v_right - v_left of each keyframe, px.
 
     Returns
@@ -88,14 +88,17 @@ def rows_offset(offsets: Sequence[float] | FloatArray) -> Estimate | None:
 
 
 def thirds_of(offsets: Sequence[float]) -> tuple[Estimate | None, ...]:
-    """The same over the first, middle and last third of the keyframes.
-
-    Returns: three of what `rows_offset` gives.
+    """Find the same over the first, middle and last third of the keyframes.
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         px, in the order of the keyframes.
+
+    Returns
+    -------
+    tuple of 3 Estimate or None
+        As `rows_offset` gives them.
     """
     return tuple(rows_offset(part) for part in np.array_split(np.asarray(offsets, np.float64), 3))
 
@@ -105,7 +108,7 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
 
     Parameters
     ----------
-    rows : sequence of float
+    rows : (K,) float64
         Row differences of the stored frames, px.
     bias : DisparityBias or None
         Of the path; None where poses come from elsewhere.
@@ -201,17 +204,24 @@ def _largest(health: CalibrationHealth) -> float:
     return max((each.value for _, each in health.unexplained), key=abs)
 
 
-def rows_doubts(offsets: Sequence[float]) -> Iterator[Warning_]:
-    """What is to be doubted of the rows of both images: an offset, or one that drifts.
-
-    Yields: as `offset_doubts`.
+def rows_doubts(offsets: Sequence[float], lone_std: float = np.inf) -> Iterator[Warning_]:
+    """Doubt the rows of both images: an offset, or one that drifts.
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         Row differences of the stored frames, px.
+    lone_std : float
+        Standard deviation of that of a single frame, px; several tell it by their scatter.
+
+    Yields
+    ------
+    dict of str to str
+        As `offset_doubts`.
     """
     whole, thirds = rows_offset(offsets), thirds_of(offsets)
+    if whole is None and len(offsets):
+        whole = Estimate(float(offsets[0]), lone_std)
     first, last = thirds[0], thirds[-1]
     drift = None if first is None or last is None else last.less(first)
     if drift is not None and drift.exceeds(LARGE_OFFSET, SURE):

@@ -187,7 +187,8 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
         yield {"code": "calibration", "message": line}
     if odometry and len(tracked) > 1:
         yield from offset_doubts(rig, odometry.mapper.bias, is_fixed=session.settings.mapping.fix_offset)
-    yield from rows_doubts([each.vertical_offset_px for each in stored])
+    lone_std = stored[0].vertical_offset_std_px / max(stored[0].points, 1) ** 0.5 if stored else np.inf
+    yield from rows_doubts([each.vertical_offset_px for each in stored], lone_std)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)
     yield from _few_points(tracked, session)
     yield from no_response(sum(each.defined for each in stored))

@@ -10,11 +10,11 @@ from tspslam import InputError
 from tspslam.datasets import synthetic
 from tspslam.vision.rig import back_project, project
 from tspslam.vision.se3 import inverse
+from tspslam.vision.slam.locating.uncertainty import Sources, adjoint, pose_covariance
 from tspslam.vision.slam.new_landmarks import follow_offset
 from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings, refine_pose
-from tspslam.vision.slam.uncertainty import Sources, adjoint, pose_covariance
 
 from ...sequences import DETECTOR, RIG
 
@@ -133,21 +133,21 @@ def driven(request):
 
 
 def test_the_covariance_of_a_frame_is_that_of_its_error_against_the_last_keyframe(driven):
-    """Asked for: 0.5 to 2. Measured 0.5 to 1.1 over ten longer worlds, where 1.5 to 11 were said without depths and offset.
+    """Asked for: 0.5 to 2. Measured 0.7 to 1.7 over ten longer worlds, where 1.5 to 11 were said without depths and offset.
 
     Here a dozen frames that share keyframes: wider limits.
     """
     _, _, errors, covariances = driven
-    assert 0.2 < normalised_error(errors, covariances) < 2.5
+    assert 0.3 < normalised_error(errors, covariances) < 3
 
 
 def test_the_covariance_from_the_start_is_that_of_the_path(driven):
-    """Measured 0.2 to 1.05 over ten longer worlds."""
+    """Measured 0.4 to 1.9 over ten longer worlds."""
     odometry, truth, _, _ = driven
     path, frames = odometry.trajectory.T_world_camera, range(1, len(truth))
     errors = [twist(inverse(inverse(truth[0]) @ truth[k]) @ path[k]) for k in frames]
     covariances = [odometry.covariance_from_start(k) for k in frames]
-    assert 0.05 < normalised_error(errors, covariances) < 2.5
+    assert 0.1 < normalised_error(errors, covariances) < 4
     sizes = [np.trace(C[3:, 3:]) for C in covariances]
     assert sizes[-1] > sizes[0]
     assert not odometry.covariance_from_start(0).any()

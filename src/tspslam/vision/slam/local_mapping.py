@@ -18,7 +18,7 @@ from ..stereo.reconstruct import Stereo
 from .back_end.adjustment_problem import collect_problem
 from .back_end.disparity_bias import DisparityBias
 from .back_end.jobs import AdjustmentJob, ClosedLoop, collect_job, copy_map, solve_loop
-from .back_end.loop_correction import note_loop
+from .back_end.loop_correction import note_loop, prepare
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
@@ -69,6 +69,7 @@ class LocalMapper:
         self._worker = Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
         self._closing: Future[ClosedLoop | None] | None = None
+        self._is_prepared = False  # to close loops
 
     @property
     def is_adjusting(self) -> bool:
@@ -117,6 +118,9 @@ class LocalMapper:
             note_loop(self.map, *loop, spread)
         self.expected = len(self.map.keyframes[-1].landmark)
         self.start_adjustment()
+        if len(self.map.keyframes) > self.map.window and not self._is_prepared:
+            self._is_prepared = True
+            self._worker.submit(prepare)
         return T
 
     def _find_loop(

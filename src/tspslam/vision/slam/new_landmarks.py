@@ -14,8 +14,8 @@ _LEAST_SHARE = 0.5  # of a disparity that a change of the offset may leave: what
 def follow_offset(map_: Map, adjusted: NDArray[np.int64], rig_before: Rig) -> None:
     """Move landmarks of the last keyframes that were not adjusted along their rays, to the offset as it is now.
 
-    They stay where they are across the rays, though their keyframe was adjusted: moved with it, they made paths on three
-    recordings of KITTI 7 to 57 % worse; so the path keeps some of what was tracked before.
+    They stay where they are across the rays, though their keyframe was adjusted: moved with it, they made the paths
+    of three recordings of KITTI 7 to 57 % longer in error; so the path keeps some of what was tracked before.
 
     Parameters
     ----------

@@ -21,7 +21,8 @@ _LEAST_SHARED = 15  # landmarks that make two keyframes neighbours (Mur-Artal et
 # Information of each edge besides that of the landmarks: neighbours are some metres and less than a right angle apart.
 _LOOSE = np.diag([1.0] * 3 + [1e-2] * 3)  # 1 rad, 10 m
 _GUESSED = np.diag([1e-2] * 3 + [1e-6] * 3)  # of a step that was guessed: 10 rad, 1 km
-_MAX_STEPS = 20  # twice what loops of 3 km with 30 m of error took
+_MAX_STEPS = 20  # five times what a loop of 6 km with 60 m of error took
+_HUBER = 2.5  # standard deviations, as in `adjust`
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,43 +92,47 @@ class LoopProblem(Brief):
 
     def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""
-        from ._loop_correction import shared_pairs, sights_of_landmarks
-
-        frames = self.frames
-        counts = np.array([len(frame.landmark) for frame in frames])
-        landmark = np.concatenate([frame.landmark for frame in frames])
-        start, sight = sights_of_landmarks(landmark, len(self.xyz))
-        begin, of = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(frames)), counts)
-        first, j, shared = shared_pairs(landmark, of, begin, start, sight, _LEAST_SHARED)
-        i = np.repeat(np.arange(len(frames)), np.diff(first))
-        share = shared / np.maximum(counts[j], 1)
-        information = share[:, None, None] * self._information(frames, T)[j] + _LOOSE
-        is_guess = np.array([frame.is_start for frame in frames])[j] & (j == i + 1)
+        i, j, shared = _sharing(self.frames, len(self.xyz))
+        share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
+        own = np.stack([self._information(*pair) for pair in zip(self.frames, T, strict=True)])
+        information = share[:, None, None] * own[j] + _LOOSE
+        is_guess = np.array([frame.is_start for frame in self.frames])[j] & (j == i + 1)
         information[is_guess] = _GUESSED
         return i, j, information
 
-    def _information(self, frames: Sequence[Keyframe], T: FloatArray) -> FloatArray:
-        """What the sights of keyframes at T tell of their poses, (K, 6, 6)."""
-        from ._loop_correction import information_of
+    def _information(self, frame: Keyframe, T: FloatArray) -> FloatArray:
+        """What the sights of a keyframe at T tell of its pose, (6, 6), in its own frame."""
+        from ..least_squares._kernels import pose_equations
 
-        T_camera_world = inverse(T)
-        R, t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
-        landmark, uv, disparity, sigma = (
-            np.concatenate([getattr(f, name) for f in frames]) for name in ("landmark", "uv", "disparity", "sigma")
-        )
-        begin = np.concatenate([[0], np.cumsum([len(f.landmark) for f in frames])])
-        weight = np.column_stack([np.full(len(sigma), self.sigma_uv**-2.0), sigma**-2.0])
-        found = np.empty((len(frames), 6, 6))
-        sights = landmark, begin, np.column_stack([uv, disparity]), weight
-        information_of(lens_of(self.rig), R, t, self.xyz, *sights, found)
-        return found
+        T_camera_world, S = inverse(T), np.empty((6, 6))
+        R, t = T_camera_world[:3, :3].copy(), T_camera_world[:3, 3].copy()
+        seen, weights = np.column_stack([frame.uv, frame.disparity]), np.empty((len(frame.uv), 2))
+        weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, frame.sigma**-2.0
+        pose_equations(lens_of(self.rig), R, t, self.xyz[frame.landmark], seen, weights, _HUBER, S, np.empty(6))
+        return S
 
     def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """The older keyframe, where the last one is seen from there, and the information."""
         loop = self.loop
         older = _older_place(self.frames, loop, len(self.xyz))
-        information = self._information([loop], loop.T_world_camera[None])[0] + _LOOSE
+        information = self._information(loop, loop.T_world_camera) + _LOOSE
         return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
+
+
+def _sharing(frames: Sequence[Keyframe], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs i < j of keyframes that follow each other or see landmarks in common, of `count`; how many these are."""
+    from scipy.sparse import csr_matrix, eye_array, triu
+
+    start = np.cumsum([0, *(len(frame.landmark) for frame in frames)])
+    landmark = np.concatenate([frame.landmark for frame in frames])
+    sees = csr_matrix((np.ones(len(landmark), np.int64), landmark, start), (len(frames), count))
+    pairs = triu(sees @ sees.T, 1) + triu(eye_array(len(frames), k=1, dtype=np.int64))  # one more where they follow
+    pairs = pairs.tocoo()
+    order = np.lexsort((pairs.col, pairs.row))
+    i, j = pairs.row[order].astype(np.int64), pairs.col[order].astype(np.int64)
+    shared = pairs.data[order] - (j == i + 1)
+    kept = (shared >= _LEAST_SHARED) | (j == i + 1)
+    return i[kept], j[kept], shared[kept]
 
 
 def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
@@ -135,6 +140,12 @@ def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
     is_seen = np.zeros(count, np.bool_)
     is_seen[loop.landmark] = True
     return int(np.argmax([is_seen[frame.landmark].sum() for frame in frames[:-1]]))
+
+
+def prepare() -> None:
+    """Have what closes loops compiled, or read from disk, before the camera waits for it."""
+    T, one = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(6), (2, 1, 1))
+    optimise_poses(T, PoseEdges(np.array([0, 1]), np.array([1, 2]), T[:2], one), max_steps=1)
 
 
 def note_loop(

@@ -52,14 +52,6 @@ def factor_pattern(n: int, first: Int64, neighbour: Int64) -> tuple[Int64, Int64
     return start, row
 
 
-@kernel
-def block_places(start: Int64, row: Int64, low: Int64, high: Int64, place: Int64) -> None:
-    """Where the factor holds the blocks of rows `high` and columns `low`, by bisection."""
-    for e in range(low.shape[0]):
-        j = low[e]
-        place[e] = start[j] + np.searchsorted(row[start[j] : start[j + 1]], high[e])
-
-
 @inlined
 def _factor_block(A: Float64) -> bool:
     """Cholesky's factor of a (6, 6) block in place, its upper half 0; False if there is none."""

@@ -1,4 +1,4 @@
-"""Compiled loops of least squares on poses and relative poses: residuals, cost, equations, steps.
+"""Compiled loops of least squares on poses and relative poses: residuals, cost, equations.
 
 An edge's residual is ``r = (log R, t)`` of ``inv(T_ij) inv(T_i) T_j``; a step turns and moves a pose in its own frame:
 ``R <- R exp(φ)``, ``t <- t + R ρ``. Both have the rotation first.
@@ -65,21 +65,6 @@ def _square(r: Float64, information: Float64) -> float:
     return total
 
 
-@kernel
-def graph_cost(
-    R: Float64, t: Float64, i: Int64, j: Int64, R_ij: Float64, t_ij: Float64, information: Float64, width: float,
-    lengths: Float64,
-) -> float:  # fmt: skip
-    """Sum of the Huber costs of all edges; fills the length of each residual in standard deviations."""
-    F, f, E, r, total = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(6), 0.0
-    for e in range(i.shape[0]):
-        _edge(R[i[e]], t[i[e]], R[j[e]], t[j[e]], R_ij[e], t_ij[e], F, f, E, r)
-        length = np.sqrt(max(_square(r, information[e]), 0.0))
-        lengths[e] = length
-        total += length * length if length <= width else 2 * width * length - width * width
-    return total
-
-
 @inlined
 def _inverse_right_jacobian(r: Float64, J: Float64) -> None:
     """Fill (3, 3) of a rotation vector: the change of ``log(exp(r) exp(φ))`` by φ at 0."""
@@ -127,24 +112,26 @@ def _add_product(left: Float64, right: Float64, sum_: Float64) -> None:
 @kernel
 def graph_equations(
     R: Float64, t: Float64, i: Int64, j: Int64, R_ij: Float64, t_ij: Float64, information: Float64, width: float,
-    column: Int64, diagonal: Int64, place: Int64, L: Float64, b: Float64,
-) -> None:  # fmt: skip
+    column: Int64, diagonal: Int64, place: Int64, L: Float64, b: Float64, lengths: Float64,
+) -> float:  # fmt: skip
     """Fill the normal equations: blocks of the lower half into L, laid out as the factor, and the right side b (n, 6).
+
+    Fills the length of each residual in standard deviations too, and returns the sum of the Huber costs.
 
     `column` numbers the poses that move, -1 for the others; `diagonal` says where L has the diagonal block of a
     column, `place` that of an edge's two poses.
     """
     F, f, E, r = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(6)
     A, B, WA, WB, w = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    L[:], b[:] = 0, 0
+    L[:], b[:], total = 0, 0, 0.0
     for e in range(i.shape[0]):
         first, second = column[i[e]], column[j[e]]
-        if first < 0 and second < 0:
-            continue
         _edge(R[i[e]], t[i[e]], R[j[e]], t[j[e]], R_ij[e], t_ij[e], F, f, E, r)
-        _edge_jacobians(F, f, E, R_ij[e], r, A, B)
         length = np.sqrt(max(_square(r, information[e]), 0.0))
+        lengths[e] = length
         weight = 1.0 if length <= width else width / length
+        total += length * length if length <= width else 2 * width * length - width * width
+        _edge_jacobians(F, f, E, R_ij[e], r, A, B)
         WA[:], WB[:], w[:] = 0, 0, 0
         for a in range(6):
             for k in range(6):
@@ -168,39 +155,4 @@ def graph_equations(
                 _add_product(A, WB, L[place[e]])
             else:
                 _add_product(B, WA, L[place[e]])
-
-
-@kernel
-def damp(diagonal: Int64, damping: float, L: Float64) -> None:
-    """Let the diagonal grow by 1 + damping."""
-    for p in diagonal:
-        for a in range(6):
-            L[p, a, a] *= 1 + damping
-
-
-@kernel
-def move_poses(R: Float64, t: Float64, column: Int64, x: Float64, R_new: Float64, t_new: Float64) -> None:
-    """Fill the poses after the steps x (n, 6)."""
-    Q = np.empty((3, 3))
-    for k in range(R.shape[0]):
-        if column[k] < 0:
-            R_new[k], t_new[k] = R[k], t[k]
-            continue
-        step = x[column[k]]
-        square = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
-        angle = np.sqrt(square)
-        s = np.sin(angle) / angle if angle > 1e-4 else 1 - square / 6
-        c = (1 - np.cos(angle)) / square if angle > 1e-4 else 0.5 - square / 24
-        for a in range(3):
-            for b in range(3):
-                Q[a, b] = c * (step[a] * step[b] - (square if a == b else 0.0)) + (1.0 if a == b else 0.0)
-        Q[2, 1] += s * step[0]
-        Q[1, 2] -= s * step[0]
-        Q[0, 2] += s * step[1]
-        Q[2, 0] -= s * step[1]
-        Q[1, 0] += s * step[2]
-        Q[0, 1] -= s * step[2]
-        for a in range(3):
-            t_new[k, a] = t[k, a] + R[k, a, 0] * step[3] + R[k, a, 1] * step[4] + R[k, a, 2] * step[5]
-            for b in range(3):
-                R_new[k, a, b] = R[k, a, 0] * Q[0, b] + R[k, a, 1] * Q[1, b] + R[k, a, 2] * Q[2, b]
+    return total

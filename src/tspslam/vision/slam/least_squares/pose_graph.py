@@ -121,62 +121,72 @@ def optimise_poses(
     return _Graph(edges, stays, float(huber)).solve(T, max_steps)
 
 
-_Poses = tuple[FloatArray, FloatArray]  # R, t
+@dataclass(frozen=True, repr=False)
+class _Poses(Brief):
+    """Poses (K, 3, 3), (K, 3), their cost, the lengths of the residuals, and the equations of a step from there."""
+
+    R: FloatArray
+    t: FloatArray
+    cost: float
+    distance: FloatArray
+    L: FloatArray
+    b: FloatArray
 
 
 class _Graph:
     """Edges in the order that the kernels want, the layout of the equations, and the steps."""
 
     def __init__(self, edges: PoseEdges, stays: BoolArray, huber: float) -> None:
-        from ._block_cholesky import block_places, factor_pattern
+        from ._block_cholesky import factor_pattern
 
         self.column = _eliminated(edges, stays)
-        self.count = int((~stays).sum())
+        self.free, self.count = np.flatnonzero(~stays), int((~stays).sum())
         ends = self.column[edges.i], self.column[edges.j]
         low, high = np.minimum(*ends), np.maximum(*ends)
-        inner = np.flatnonzero(low >= 0)
-        first, neighbour = _lower_half(low[inner], high[inner], self.count)
-        self.start, self.row = factor_pattern(self.count, first, neighbour)
-        self.place = np.full(len(low), -1)
-        places = np.empty(len(inner), np.int64)
-        block_places(self.start, self.row, low[inner], high[inner], places)
-        self.place[inner] = places
+        is_inner = low >= 0
+        self.start, self.row = factor_pattern(self.count, *_lower_half(low[is_inner], high[is_inner], self.count))
+        blocks = np.repeat(np.arange(self.count), np.diff(self.start)) * self.count + self.row  # ascend
+        self.place = np.where(is_inner, np.searchsorted(blocks, low * self.count + high), -1)
         R_ij, t_ij = np.ascontiguousarray(edges.T_ij[:, :3, :3]), edges.T_ij[:, :3, 3].copy()
         self.edges = edges.i, edges.j, R_ij, t_ij, edges.information, huber
-        self.distance = np.empty(len(edges.i))
 
     def solve(self, T: FloatArray, max_steps: int) -> PoseGraph:
         """Search the optimum from poses T."""
-        begin = np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3].copy()
-        found = minimise("pose graph", begin, self._cost, self._propose, max_steps if self.count else 0, _FIRST_DAMPING)
-        self._cost(found.state)
+        begin = self._at(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3].copy())
+        steps = max_steps if self.count else 0
+        found = minimise("pose graph", begin, lambda poses: poses.cost, self._propose, steps, _FIRST_DAMPING)
         result = T.copy()
-        moved = self.column >= 0
-        result[moved, :3, :3], result[moved, :3, 3] = found.state[0][moved], found.state[1][moved]
-        result[moved] = normalised(result[moved])
-        return PoseGraph(result, found.cost_before, found.cost, self.distance, found.steps)
+        result[self.free, :3, :3], result[self.free, :3, 3] = found.state.R[self.free], found.state.t[self.free]
+        result[self.free] = normalised(result[self.free])
+        return PoseGraph(result, found.cost_before, found.cost, found.state.distance, found.steps)
 
-    def _cost(self, poses: _Poses) -> float:
-        from ._pose_graph import graph_cost
+    def _at(self, R: FloatArray, t: FloatArray) -> _Poses:
+        """Poses with their equations."""
+        from ._pose_graph import graph_equations
 
-        return float(graph_cost(*poses, *self.edges, self.distance))
+        L, b, distance = np.empty((len(self.row), 6, 6)), np.empty((self.count, 6)), np.empty(len(self.place))
+        layout = self.column, self.start[:-1], self.place
+        return _Poses(R, t, float(graph_equations(R, t, *self.edges, *layout, L, b, distance)), distance, L, b)
 
     def _propose(self, poses: _Poses, damping: float) -> _Poses | None:
         """Poses after one step; None if the equations have no solution."""
         from ._block_cholesky import factor_blocks, solve_blocks
-        from ._pose_graph import damp, graph_equations, move_poses
 
-        L, b, diagonal = np.empty((len(self.row), 6, 6)), np.empty((self.count, 6)), self.start[:-1]
-        graph_equations(*poses, *self.edges, self.column, diagonal, self.place, L, b)
-        damp(diagonal, damping, L)
+        L, x = poses.L.copy(), poses.b.copy()
+        L[self.start[:-1, None], np.arange(6), np.arange(6)] *= 1 + damping
         if not factor_blocks(self.start, self.row, L):
             return None
-        solve_blocks(self.start, self.row, L, b)
-        if not np.isfinite(b).all():
-            return None
-        R, t = np.empty_like(poses[0]), np.empty_like(poses[1])
-        move_poses(*poses, self.column, b, R, t)
-        return R, t
+        solve_blocks(self.start, self.row, L, x)
+        return self._moved(poses, x[self.column[self.free]]) if np.isfinite(x).all() else None
+
+    def _moved(self, poses: _Poses, x: FloatArray) -> _Poses:
+        """Poses after steps (φ, ρ) of those that are free."""
+        from scipy.spatial.transform import Rotation
+
+        R, t, free = poses.R.copy(), poses.t.copy(), self.free
+        t[free] += (R[free] @ x[:, 3:, None])[..., 0]
+        R[free] = R[free] @ Rotation.from_rotvec(x[:, :3]).as_matrix()
+        return self._at(R, t)
 
 
 def _lower_half(low: NDArray[np.int64], high: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], ...]:

@@ -361,10 +361,11 @@ class PlaceRecognition:
         """
         map_, frames = self.map_, self._group(place)
         T = self._solve_pnp(frames, *keypoints)
-        if T is None and not is_near:
+        if T is None and is_near:
+            T = estimate.T_world_camera
+        if T is None or not (references := self._references_to(frames, ~tracked)):
             return None
-        references, guess = self._references_to(frames, ~tracked), estimate.T_world_camera if T is None else T
-        found = track_pose(map_.rig, image, references, map_.xyz, guess, self.tracking) if references else None
+        found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking)
         return found if found is not None and len(found) >= self.loops.min_landmarks else None
 
     def _is_believed(self, found: PoseEstimate, estimate: PoseEstimate, place: int, slack: float) -> bool:
