@@ -1,4 +1,6 @@
-"""Bundle adjustment beside GTSAM: the same windows of keyframes, noise and Huber costs, to the same relative decrease.
+"""Bundle adjustment and pose graphs beside GTSAM: the same windows, noise and Huber costs, and the same graphs.
+
+Both search to the same relative decrease.
 
 ``python -m benchmarks.bundle_gtsam`` prints the figures; GTSAM (4.3) is not among the dependencies.
 """
@@ -8,6 +10,8 @@ from __future__ import annotations
 from functools import partial
 
 from tests.vision.slam import gtsam_oracle as oracle
+from tests.vision.slam import test_pose_graph_gtsam as graphs
+from tspslam.vision.slam.least_squares.pose_graph import optimise_poses
 
 from .measure import median_seconds, paired
 
@@ -39,7 +43,24 @@ def window_figures(hold: str, solver: str, seed: int = 0, rounds: int = 5) -> Fi
     }  # fmt: skip
 
 
-FIGURES = {name: partial(window_figures, *how) for name, how in RIVALS.items()}
+def graph_figures(name: str, rounds: int = 3) -> Figures:
+    """Time of `optimise_poses` and of GTSAM's search on a graph of its own, its factors made before."""
+    *given, _ = graphs.GRAPHS[name]
+    edges = graphs.read(*given)
+    start = graphs.chained(edges)
+    graph, values = graphs.graph_of(edges, start)
+    search = lambda: oracle.solved(graph, values, solver="MULTIFRONTAL_CHOLESKY", enough=ENOUGH, max_steps=100)  # noqa: E731
+    ours, theirs, ratio = paired(lambda: optimise_poses(start, edges), search, rounds)
+    found, (best, steps) = optimise_poses(start, edges), search()
+    return {
+        "poses": len(start), "edges": len(edges.i), "ms": 1e3 * ours, "gtsam_search_ms": 1e3 * theirs, "ratio": ratio,
+        "steps": found.steps, "gtsam_steps": steps, "cost_beyond": found.cost / (2 * graph.error(best)) - 1,
+    }  # fmt: skip
+
+
+FIGURES = {name: partial(window_figures, *how) for name, how in RIVALS.items()} | {
+    f"pose graph {name}": partial(graph_figures, name) for name in graphs.GRAPHS
+}
 
 
 def main() -> None:

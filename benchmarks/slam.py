@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import resource
 import sys
 import tempfile
@@ -27,6 +28,8 @@ from .naive import Naive
 
 WIDE = Rig(fx=707.0, fy=707.0, cx=602.0, cy=183.0, baseline=0.54, width=1226, height=370)
 ROOM = Rig(fx=436.0, fy=436.0, cx=376.0, cy=240.0, baseline=0.11, width=752, height=480)
+ROUNDS = 3  # of which medians are told
+LONGEST = 10  # frames whose times are told
 NOISE = synthetic.Faults(noise=0.01, blur=0.5)
 
 
@@ -77,48 +80,79 @@ def opened(folder: str) -> Held:
     return Held(sequence.name, sequence.rig, pairs, Trajectory(stamps, sequence.truth))
 
 
-def ours(source: Held) -> tuple[Trajectory, float, dict[str, object]]:
-    """Path, seconds a frame (frames with complexes written to disk, without drawing), and what was noted."""
+@dataclass
+class Taken:
+    """What one pass over a sequence took: seconds a frame, CPU seconds a frame, and of its longest frames."""
+
+    wall: float
+    cpu: float
+    longest: list[float]
+
+
+def timed(steps: Iterator[object], count: int) -> Taken:
+    """Go through the steps of a pass, one a frame."""
+    cpu, marks = time.process_time(), [time.perf_counter()]
+    for _ in steps:
+        marks.append(time.perf_counter())
+    longest = sorted(np.diff(marks), reverse=True)[:LONGEST]
+    return Taken((marks[-1] - marks[0]) / count, (time.process_time() - cpu) / count, longest)
+
+
+def ours(source: Held) -> tuple[Trajectory, Taken, dict[str, object]]:
+    """Path, time (frames with complexes written to disk, without drawing), and what was noted."""
     with tempfile.TemporaryDirectory() as out:
         with RunFolder.create(f"{out}/warm", {}) as folder:
             list(SequenceRun(source, range(3), Session(source.rig), folder).proceed())
         with RunFolder.create(f"{out}/run", {}) as folder:
             sequence = SequenceRun(source, range(len(source)), Session(source.rig, resolve().settings), folder)
-            started = time.perf_counter()
-            list(sequence.proceed())
-            sequence.session.finish()
-            seconds = (time.perf_counter() - started) / len(source)
+            taken = timed(itertools.chain(sequence.proceed(), finishing(sequence.session)), len(source))
     offset, std = sequence.session.odometry.disparity_offset
     lost = sum(row.is_lost for row in sequence.tracked)
     keyframes = sum(row.is_keyframe for row in sequence.tracked)
-    return sequence.trajectory, seconds, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
+    return sequence.trajectory, taken, {"keyframes": keyframes, "lost": lost, "offset": f"{offset:+.3f} ± {std:.3f}"}
 
 
-def naive(source: Held) -> tuple[Trajectory, float]:
+def finishing(session: Session) -> Iterator[None]:
+    """The last step of a pass: all keyframes are adjusted together."""
+    session.finish()
+    yield
+
+
+def naive(source: Held) -> tuple[Trajectory, Taken]:
     """The same of the reference."""
     Naive(source.rig).process(source[0])
-    reference = Naive(source.rig)
-    started = time.perf_counter()
-    poses = [reference.process(pair) for pair in source.pairs]
-    return Trajectory(source.truth.stamp, np.array(poses)), (time.perf_counter() - started) / len(source)
+    reference, poses = Naive(source.rig), []
+    taken = timed((poses.append(reference.process(pair)) for pair in source.pairs), len(source))
+    return Trajectory(source.truth.stamp, np.array(poses)), taken
+
+
+def paired(source: Held) -> list[tuple[Taken, Taken]]:
+    """Times of ours and of the reference, one after the other, so that a busy machine slows both."""
+    return [(ours(source)[1], naive(source)[1]) for _ in range(ROUNDS - 1)]
 
 
 def row(source: Held) -> list[str]:
-    path, seconds, found = ours(source)
-    other, other_seconds = naive(source)
+    path, taken, found = ours(source)
+    other, other_taken = naive(source)
+    both = [(taken, other_taken), *paired(source)]
+    seconds, other_seconds = (float(np.median([each[k].wall for each in both])) for k in (0, 1))
+    ratio = float(np.median([theirs.wall / mine.wall for mine, theirs in both]))
+    cpu, other_cpu = (float(np.median([each[k].cpu for each in both])) for k in (0, 1))
     error, rival = (evaluate_trajectory(p, source.truth) for p in (path, other))
     length = float(np.linalg.norm(np.diff(source.truth.T_world_camera[:, :3, 3], axis=0), axis=1).sum())
     ten = error.per_distance[10.0]
     return [
         source.name, f"{length:.3g}", f"{error.ate_rmse_m:.4f}", f"{ten.translation_percent:.2f}" if ten.pairs else "-",
         f"{rival.ate_rmse_m:.4f}", f"{found['keyframes']} of {len(source)}", str(found["lost"]), str(found["offset"]),
-        f"{1 / seconds:.0f}", f"{1 / other_seconds:.0f}",
+        f"{1 / seconds:.0f}", f"{1 / other_seconds:.0f}", f"{ratio:.2f}", f"{1e3 * cpu:.0f}; {1e3 * other_cpu:.0f}",
+        " ".join(f"{1e3 * each:.0f}" for each in taken.longest),
     ]  # fmt: skip
 
 
 HEAD = [
     "sequence", "length, m", "ATE, m", "RPE over 10 m, %", "ATE of OpenCV's parts, m", "keyframes", "lost",
-    "disparity offset, px", "frames/s", "frames/s of OpenCV's parts",
+    "disparity offset, px", "frames/s", "frames/s of OpenCV's parts", "times as fast", "CPU ms a frame; OpenCV's parts",
+    "longest frames, ms",
 ]  # fmt: skip
 
 

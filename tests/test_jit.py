@@ -181,3 +181,9 @@ def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed(tmp_
     more = {f"{module} {name}": count for module, name, count in called if count > expected.get((module, name), 0)}
     assert len(called) > 20
     assert not more, LIST
+
+
+def test_what_draws_is_not_imported_before_the_first_frame():
+    code = "import sys; from tspslam.run import _compiling, pipeline, viewing; print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

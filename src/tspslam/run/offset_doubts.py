@@ -68,7 +68,7 @@ def rows_offset(offsets: Sequence[float] | FloatArray) -> Estimate | None:
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         Median of v_right - v_left of each keyframe, px.
 
     Returns
@@ -88,14 +88,17 @@ def rows_offset(offsets: Sequence[float] | FloatArray) -> Estimate | None:
 
 
 def thirds_of(offsets: Sequence[float]) -> tuple[Estimate | None, ...]:
-    """The same over the first, middle and last third of the keyframes.
-
-    Returns: three of what `rows_offset` gives.
+    """Find the same over the first, middle and last third of the keyframes.
 
     Parameters
     ----------
-    offsets : sequence of float
+    offsets : (K,) float64
         px, in the order of the keyframes.
+
+    Returns
+    -------
+    tuple of 3 Estimate or None
+        As `rows_offset` gives them.
     """
     return tuple(rows_offset(part) for part in np.array_split(np.asarray(offsets, np.float64), 3))
 
@@ -105,7 +108,7 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
 
     Parameters
     ----------
-    rows : sequence of float
+    rows : (K,) float64
         Row differences of the stored frames, px.
     bias : DisparityBias or None
         Of the path; None where poses come from elsewhere.

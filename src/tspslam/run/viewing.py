@@ -26,7 +26,6 @@ from ..errors import InputError
 from ..frame import Frame
 from ..types import Rig
 from ..view.live._server import MISSING
-from .watch import RunWatch
 
 if TYPE_CHECKING:
     from ..view.live.viewer import Viewer
@@ -85,6 +84,8 @@ def serve(
         If there is no free port.
     """
     require_viser()
+    from .watch import RunWatch  # with matplotlib, which a run without a viewer needs at its end only
+
     watch = RunWatch(folder)
     world = watch.look()
     assert world is not None

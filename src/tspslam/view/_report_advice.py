@@ -59,7 +59,7 @@ ADVICE = {
     "truth": "Check that the true poses belong to this sequence: as many lines as frames, or stamps of the same clock.",
     "unknown": "If your map uses another value for 'not known', name it with --unknown.",
     "unpaired": "Check that each left image has a right one; images without a partner are left out.",
-    "vertical_offset": "Calibrate anew, or give the file that these images were rectified by; screw the cameras tighter.",
+    "vertical_offset": "Calibrate anew, or give the file that these images were rectified by; fix loose cameras.",
     "video_cut": "Copy the video again, if the original is whole; the frames that are there were taken.",
     "video_frozen": "Copy the file anew: frames that are damaged are shown as those before them.",
     "video_turned": "Calibrate with frames of such a video: the calibration must be of the turned images.",

@@ -1,6 +1,6 @@
 """Maps of as many keyframes as one likes, without images: what it costs to add one is that of the map alone."""
 
-import time
+from contextlib import nullcontext
 
 import numpy as np
 
@@ -25,11 +25,13 @@ class Drive:
     ----------
     around : int, optional
         Keyframes in a round; in a second one it sees the points of the first again.
+    measure : callable, optional
+        Gives a context that each keyframe is added in.
     """
 
-    def __init__(self, around=None, **settings):
+    def __init__(self, around=None, measure=nullcontext, **settings):
         self.map, self.path = Map(SMALL_RIG, window=7, settings=MapSettings(**settings)), CameraPath()
-        self.rng, self.around, self.seconds = np.random.default_rng(0), around, []
+        self.rng, self.around, self.measure = np.random.default_rng(0), around, measure
         self.image = np.zeros((SMALL_RIG.height, SMALL_RIG.width), np.uint8)
         self.pyramid = build_pyramid(self.image)
 
@@ -44,18 +46,17 @@ class Drive:
         return T
 
     def go(self, count):
-        """Add so many keyframes; the time of each is noted."""
+        """Add so many keyframes."""
         for _ in range(count):
             index = len(self.path)
             self.path.pose = self.pose(index)
             estimate, keypoints = self._estimate(self.path.pose), self._keypoints()
-            started = time.perf_counter()
-            self.map.add(index, self.path.pose, (self.pyramid, self.image), estimate, keypoints, self._spread)
-            self.map.references()
-            self.map.seen_by(self.map.keyframes[-1].landmark)
-            self.map.covisible(len(self.map.keyframes) - 1)
-            self.path.record(float(index), self.map, (max(0, index - 1), np.eye(6)))
-            self.seconds.append(time.perf_counter() - started)
+            with self.measure():
+                self.map.add(index, self.path.pose, (self.pyramid, self.image), estimate, keypoints, self._spread)
+                self.map.references()
+                self.map.seen_by(self.map.keyframes[-1].landmark)
+                self.map.covisible(len(self.map.keyframes) - 1)
+                self.path.record(float(index), self.map, (max(0, index - 1), np.eye(6)))
         return self
 
     def _spread(self, uv):

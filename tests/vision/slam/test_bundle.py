@@ -228,7 +228,7 @@ def test_bad_input_gets_one_line(said):
 
 
 def test_a_problem_without_solution_is_a_geometry_error(monkeypatch):
-    from tspslam.vision.slam import bundle
+    from tspslam.vision.slam.least_squares import bundle
 
     monkeypatch.setattr(bundle, "_solved", lambda S, b: None)
     with pytest.raises(GeometryError, match="no solution"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.vision.slam import gtsam_oracle as oracle  # skips all of this where there is no gtsam
-from tspslam.vision.slam import bundle
+from tspslam.vision.slam.least_squares import bundle
 
 
 @pytest.fixture

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from tspslam.datasets import KittiSequence, open_sequence, synthetic
 from tspslam.datasets.synthetic import shapes
 from tspslam.vision.features.spread import Features
+from tspslam.vision.slam.locating.choosing import choose_pose, is_clear
 from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.slam.pose import PoseEstimate
-from tspslam.vision.slam.tracking import TrackingSettings, choose_pose, is_clear
+from tspslam.vision.slam.tracking import TrackingSettings
 
 from ...datasets.standard import kitti_raw, kitti_seq1, shared
 from ...sequences import DETECTOR, RIG

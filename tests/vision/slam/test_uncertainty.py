@@ -10,11 +10,11 @@ from tspslam import InputError
 from tspslam.datasets import synthetic
 from tspslam.vision.rig import back_project, project
 from tspslam.vision.se3 import inverse
+from tspslam.vision.slam.locating.uncertainty import Sources, adjoint, pose_covariance
 from tspslam.vision.slam.new_landmarks import follow_offset
 from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings, refine_pose
-from tspslam.vision.slam.uncertainty import Sources, adjoint, pose_covariance
 
 from ...sequences import DETECTOR, RIG
 

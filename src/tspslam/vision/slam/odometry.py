@@ -24,7 +24,7 @@ from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper
-from .locating import Locator, covariance_against_keyframe
+from .locating.locator import Locator, covariance_against_keyframe
 from .path import CameraPath
 from .places.loop_closing import LoopSettings, PlaceRecognition
 from .pose import PoseEstimate, Tracked
@@ -320,7 +320,7 @@ class StereoOdometry:
         is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
         return Tracked(
             T_world_camera=self.path.pose.copy(),
-            covariance=self.path.links[-1][1].copy(),
+            covariance=self.path.covariance,
             matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
             is_keyframe=stereo is not None,
             is_lost=is_lost,
@@ -358,8 +358,8 @@ class StereoOdometry:
             "stamps": path.stamps,
             "anchors": path.anchors,
             "anchored": path.anchored,
-            "links": np.array([index for index, _ in path.links], np.int64),
-            "linked": _finite_or_nan(np.array([C for _, C in path.links]).reshape(-1, 6, 6)),
+            "links": path.links,
+            "linked": path.linked,
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
@@ -389,9 +389,7 @@ class StereoOdometry:
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
-        path.restore(state["stamps"], state["anchors"], state["anchored"])
-        linked = np.where(np.isnan(state["linked"]), np.inf, state["linked"])
-        path.links = list(zip(state["links"].tolist(), linked, strict=True))
+        path.restore(*(state[name] for name in ("stamps", "anchors", "anchored", "links", "linked")))
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_adjusting, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
@@ -407,8 +405,3 @@ class StereoOdometry:
             expected, found = binary_descriptors(features.descriptor).shape[1], self.map.descriptors.shape[1]
             if found != expected:
                 raise InputError(f"odometry: the state has descriptors of {found} x 64 bits, expected {expected}")
-
-
-def _finite_or_nan(values: FloatArray) -> FloatArray:
-    """Values with NaN for what is infinite, as a state has them."""
-    return np.where(np.isfinite(values), values, np.nan)

@@ -9,8 +9,8 @@ from ...types import FloatArray, Trajectory
 from ..se3 import inverse, normalised, repeated
 from .keyframes.columns import Column
 from .keyframes.map import Map
+from .locating.uncertainty import adjoint
 from .pose import PoseEstimate
-from .uncertainty import adjoint
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
 _LAST = 5  # intervals that tell what the next one is
@@ -20,7 +20,7 @@ _GAP = 1.5  # times their median, from which an interval is a gap: one frame lef
 class CameraPath:
     """Poses of all frames, each held by a keyframe, and the motion that is taken to go on.
 
-    A frame takes some 700 bytes.
+    A frame takes some 1000 bytes.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class CameraPath:
         self._stamps = Column(np.empty(0))
         self._anchors, self._anchored = Column(np.empty(0, np.int64)), Column(np.empty((0, 4, 4)))
         self._held: dict[int, list[int]] = {}  # frames by the number of the keyframe that holds them
-        self.links: list[tuple[int, FloatArray]] = []  # frame that it was located against, covariance against it
+        self._links, self._linked = Column(np.empty(0, np.int64)), Column(np.empty((0, 6, 6)))
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.unplaced, self.was_lost = 0, 0, False
 
@@ -57,7 +57,26 @@ class CameraPath:
         """Poses of the frames in these, ``T_keyframe_camera``, (T, 4, 4) float64."""
         return self._anchored.rows
 
-    def restore(self, stamps: FloatArray, anchors: NDArray[np.int64], anchored: FloatArray) -> None:
+    @property
+    def links(self) -> NDArray[np.int64]:
+        """Numbers of the keyframes that the frames were located against, (T,) int64."""
+        return self._links.rows
+
+    @property
+    def linked(self) -> FloatArray:
+        """Covariances of the frames' poses against these, (T, 6, 6) float64; NaN where they were guessed."""
+        return self._linked.rows
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the last frame's pose against its keyframe, (6, 6) float64; infinite where it was guessed."""
+        last = self.linked[-1]
+        return np.where(np.isnan(last), np.inf, last)
+
+    def restore(
+        self, stamps: FloatArray, anchors: NDArray[np.int64], anchored: FloatArray, links: NDArray[np.int64],
+        linked: FloatArray,
+    ) -> None:  # fmt: skip
         """Put other frames in the place of these.
 
         Parameters
@@ -68,8 +87,13 @@ class CameraPath:
             As `anchors`.
         anchored : (T, 4, 4) float64
             As `anchored`.
+        links : (T,) int64
+            As `links`.
+        linked : (T, 6, 6) float64
+            As `linked`.
         """
         self._stamps, self._anchors, self._anchored = Column(stamps), Column(anchors), Column(anchored)
+        self._links, self._linked = Column(links), Column(linked)
         self._held = {}
         for frame, keyframe in enumerate(anchors.tolist()):
             self._held.setdefault(keyframe, []).append(frame)
@@ -127,9 +151,9 @@ class CameraPath:
         -------
         (4, 4) float64
         """
-        last = max(0, len(self) - 1 - self.lost)
-        index, T = self.anchors[last], self.anchored[last]
-        pose: FloatArray = next(frame.T_world_camera for frame in reversed(map_.keyframes) if frame.index == index) @ T
+        row = max(0, len(self) - 1 - self.lost)
+        holder = next(frame for frame in reversed(map_.keyframes) if frame.index == self.anchors[row])
+        pose: FloatArray = holder.T_world_camera @ self.anchored[row]
         return pose
 
     def advance(self, predicted: FloatArray, estimate: PoseEstimate | None, is_dark: bool = False) -> None:
@@ -162,7 +186,8 @@ class CameraPath:
         link : (int, (6, 6) float64)
             Number of the keyframe that it was located against, and the covariance of its pose against it.
         """
-        self.links.append(link)
+        self._links.extend([link[0]])
+        self._linked.extend([np.where(np.isfinite(link[1]), link[1], np.nan)])
         for gone, other, T in map_.dropped:
             held = self._held.pop(gone, [])
             self._held.setdefault(other, []).extend(held)
@@ -209,10 +234,7 @@ class CameraPath:
         """
         T_camera_world, total = inverse(poses[frame]), np.zeros((6, 6))
         while frame > 0:
-            earlier, covariance = self.links[frame]
-            if not np.isfinite(covariance).all():
-                return np.full((6, 6), np.inf)
             across = adjoint(T_camera_world @ poses[frame])
-            total += across @ covariance @ across.T
-            frame = earlier
-        return total
+            total += across @ self.linked[frame] @ across.T
+            frame = int(self.links[frame])
+        return np.full((6, 6), np.inf) if np.isnan(total).any() else total

@@ -223,11 +223,10 @@ class Map:
         -------
         list of Reference
         """
-        taken = np.zeros(len(self.xyz), np.bool_)
-        found = []
+        taken, found = np.empty(0, np.int64), []
         for frame in reversed(self.keyframes[-self.settings.references :]):
-            new = ~taken[frame.landmark]
-            taken[frame.landmark] = True
+            new = ~np.isin(frame.landmark, taken)
+            taken = np.concatenate([taken, frame.landmark])
             assert frame.image is not None
             found.append(Reference(frame.image, frame.T_world_camera, frame.uv[new], frame.landmark[new]))
         return found
@@ -329,10 +328,14 @@ class Map:
         place = int(is_dense.argmax())
         first, kept = int(self.gaps[place]), np.ones(after[place], np.bool_)
         kept[self.gaps[place:] - first] = False
-        row = np.concatenate([np.arange(first), first + np.cumsum(kept) - 1])
+        gone = np.append(np.cumsum(~kept), 0)  # before each row, and before what is before the first
+
+        def moved(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+            return rows - gone[np.maximum(rows - first, -1)]
+
         for k in self.seen_by(np.arange(first, len(self.xyz))):
-            self._change(k, landmark=row[self.keyframes[k].landmark])
-        self._doubtful = [row[rows] for rows in self._doubtful]
+            self._change(k, landmark=moved(self.keyframes[k].landmark))
+        self._doubtful = [moved(rows) for rows in self._doubtful]
         for column in (self._xyz, self._descriptors, self._landmark_id, self._sightings):
             column.keep(first, kept)
         self.gaps = self.gaps[:place]
@@ -399,17 +402,8 @@ class Map:
             rows = np.where(other[at] == rows, landmark[at], rows)
             kept = np.sort(np.unique(rows, return_index=True)[1])  # of two that become one it keeps one
             self._keep(k, kept, landmark=rows[kept])
-        self._merge_sightings(landmark, other)
+        self._sightings.merge(landmark, other)
         self._doubtful.append(other)
-
-    def _merge_sightings(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
-        """Note that who saw the second of a pair sees the first."""
-        rows, which = np.unique(np.concatenate([landmark, other]), return_inverse=True)
-        of = np.arange(len(rows))
-        of[which[len(landmark) :]] = which[: len(landmark)]
-        at, frame = self._sightings.of(rows)
-        pairs = np.unique(np.column_stack([of[at], frame]), axis=0)
-        self._sightings.replace(rows, pairs[:, 0], pairs[:, 1])
 
     def observe(self, place: int, again: Keyframe) -> None:
         """Note what a keyframe sees besides.
@@ -423,8 +417,7 @@ class Map:
         """
         own = self.keyframes[place]
         new = ~np.isin(again.landmark, own.landmark)
-        columns = {name: np.concatenate([getattr(own, name), getattr(again, name)[new]]) for name in _NOTHING}
-        self._change(place, **columns)
+        self._change(place, **{n: np.concatenate([getattr(own, n), getattr(again, n)[new]]) for n in _NOTHING})
         self._sightings.add(again.landmark[new], own.index)
 
     def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
@@ -443,6 +436,8 @@ class Map:
         outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
         for index, (row, kept) in keyframes.items():
             k = self._place(index)
+            if k == len(self.keyframes) or self.keyframes[k].index != index:  # culled meanwhile
+                continue
             gone = self.keyframes[k].landmark[~kept]
             outliers.append((gone, np.full(len(gone), index)))
             self._keep(k, kept, T_world_camera=found.T_world_camera[row])

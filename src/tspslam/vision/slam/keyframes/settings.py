@@ -38,7 +38,7 @@ class MapSettings(Checked, what="tracking.map"):
     min_points : int
         Landmarks seen twice or more that an adjustment needs.
     max_keyframes : int
-        Keyframes that are adjusted at once; maps of more stay as the windows left them.
+        Keyframes that are adjusted at once at the end; maps of more are adjusted piece by piece.
     max_steps : int
         Steps of an adjustment.
     outlier : float

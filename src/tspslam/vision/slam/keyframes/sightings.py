@@ -125,6 +125,21 @@ class Sightings:
         self._before.rows[entries] = np.where(is_first, _NONE, np.roll(entries, 1))
         self._last.rows[rows[at[is_last]]] = entries[is_last]
 
+    def merge(self, rows: Rows, others: Rows) -> None:
+        """Note that who sees the second of a pair of landmarks sees the first instead.
+
+        Parameters
+        ----------
+        rows, others : (K,) int64
+            Landmarks; none is in both.
+        """
+        landmark, which = np.unique(np.concatenate([rows, others]), return_inverse=True)
+        of = np.arange(len(landmark))
+        of[which[len(rows) :]] = which[: len(rows)]
+        at, frame = self.of(landmark)
+        pairs = np.unique(np.column_stack([of[at], frame]), axis=0)
+        self.replace(landmark, pairs[:, 0], pairs[:, 1])
+
     def keep(self, first: int, kept: NDArray[np.bool_]) -> None:
         """Keep some landmarks from a row on, of which those that go are seen by nobody; the others move up.
 

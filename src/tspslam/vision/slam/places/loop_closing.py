@@ -363,8 +363,9 @@ class PlaceRecognition:
         T = self._solve_pnp(frames, *keypoints)
         if T is None and is_near:
             T = estimate.T_world_camera
-        references = [] if T is None else self._references_to(frames, ~tracked)
-        found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking) if references else None
+        if T is None or not (references := self._references_to(frames, ~tracked)):
+            return None
+        found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking)
         return found if found is not None and len(found) >= self.loops.min_landmarks else None
 
     def _is_believed(self, found: PoseEstimate, estimate: PoseEstimate, place: int, slack: float) -> bool:

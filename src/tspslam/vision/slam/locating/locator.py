@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import BoolArray, Features, FloatArray, Rig
-from ..features.binary import Descriptors, binary_descriptors, match_descriptors
-from ..features.detecting import detect_usable
-from ..images import PreparedImage
-from ..rig import project
-from .keyframes.keyframe import Keyframe
-from .keyframes.map import Map
-from .places.loop_closing import PlaceRecognition
-from .pose import PoseEstimate, fit_robustly, solve_pnp
-from .tracking import TrackingSettings, are_close, choose_pose, choose_widest, is_clear, track_closely, track_pose
+from ....types import BoolArray, Features, FloatArray, Rig
+from ...features.binary import Descriptors, binary_descriptors, match_descriptors
+from ...features.detecting import detect_usable
+from ...images import PreparedImage
+from ...rig import project
+from ..keyframes.keyframe import Keyframe
+from ..keyframes.map import Map
+from ..places.loop_closing import PlaceRecognition
+from ..pose import PoseEstimate, fit_robustly, solve_pnp
+from ..tracking import TrackingSettings, track_closely, track_pose
+from .choosing import are_close, choose_pose, choose_widest, is_clear
 from .uncertainty import Sources, pose_covariance
 
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by

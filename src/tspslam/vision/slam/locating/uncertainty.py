@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import FloatArray, Rig
-from .pose import PoseEstimate
+from ....types import FloatArray, Rig
+from ..pose import PoseEstimate
 
 _HUBER = 2.5  # standard deviations, as in `fit_pose`
 _LEAST_VARIANCE = 0.25  # of what the settings say: patches are found to half of 0.3 px at best, in a still room

@@ -1,0 +1,150 @@
+"""Which of several poses is believed, if any: by the share of landmarks in view that agree, and by where these are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ....types import FloatArray, Rig
+from ...rig import project
+from ..pose import PoseEstimate
+from ..tracking import TrackingSettings
+
+_APART = 3.0  # px: ten times the spread of a tracked point
+_PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
+
+
+def is_clear(
+    estimate: PoseEstimate, xyz: FloatArray, T_predicted: FloatArray | None, settings: TrackingSettings
+) -> bool:
+    """Whether a pose needs no second opinion: many landmarks agree, or some, and a constant velocity leads there.
+
+    Parameters
+    ----------
+    estimate : PoseEstimate
+        The pose.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    T_predicted : (4, 4) float64 or None
+        Pose that a constant velocity leads to; None where the last motion is not known.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    bool
+    """
+    if estimate.share >= settings.clear_share:
+        return True
+    is_steady = T_predicted is not None and are_close(estimate, T_predicted, xyz, settings)
+    return is_steady and estimate.share >= settings.steady_share
+
+
+def are_close(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray, settings: TrackingSettings) -> bool:
+    """Whether a pose is where another one has the camera, to the distance of poses that count as the same.
+
+    Parameters
+    ----------
+    estimate : PoseEstimate
+        The pose.
+    T_world_camera : (4, 4) float64
+        The other.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        With `same_pose`.
+
+    Returns
+    -------
+    bool
+    """
+    return _distance(estimate, T_world_camera, xyz) <= settings.same_pose
+
+
+def choose_pose(
+    tracked: PoseEstimate | None, relocalized: PoseEstimate | None, xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate | None:
+    """Choose between the pose tracked from a guess and the one that descriptors led to; None if neither is believed.
+
+    A camera that moved farther than patches are looked for finds a few landmarks near any guess, so a pose needs enough
+    of those in view. Where both have enough, descriptors must lead to many more: they may be those of a moving object.
+
+    Parameters
+    ----------
+    tracked, relocalized : PoseEstimate or None
+        The two.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate or None
+    """
+    if tracked is not None:
+        is_confirmed = relocalized is not None and are_close(tracked, relocalized.T_world_camera, xyz, settings)
+        if tracked.share < (settings.relocalized_share if is_confirmed else settings.lone_share):
+            tracked = None
+    if relocalized is not None and relocalized.share < settings.relocalized_share:
+        relocalized = None
+    if tracked is None or relocalized is None:
+        return relocalized if tracked is None else tracked
+    return relocalized if len(relocalized) >= settings.overrule * len(tracked) else tracked
+
+
+def choose_widest(
+    rig: Rig, found: Sequence[PoseEstimate], xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate | None:
+    """Choose among poses of which none is expected: the one whose landmarks are many and wide apart; None if too few.
+
+    What moves before the camera has its landmarks in one part of the image, the world is around it; what is far away
+    agrees with both. So of two poses, the landmarks that only one of them has in their places decide.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    found : sequence of PoseEstimate
+        The poses.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate or None
+        One with the share of landmarks that a pose needs alone (`lone_share`), or `relocalized_share` where another of
+        the poses says the same.
+    """
+
+    def is_believed(one: PoseEstimate) -> bool:
+        others = (other for other in found if other is not one and other.share >= settings.relocalized_share)
+        is_confirmed = any(are_close(one, other.T_world_camera, xyz, settings) for other in others)
+        return one.share >= (settings.relocalized_share if is_confirmed else settings.lone_share)
+
+    best = None
+    for one in filter(is_believed, found):
+        if best is None or _support(rig, one, best, xyz) > _support(rig, best, one, xyz):
+            best = one
+    return best
+
+
+def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:
+    """Places of the image with landmarks that one pose has where they are, another not, times how far they spread."""
+    T = other.T_world_camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.linalg.norm(project(rig, (xyz[one.landmark] - T[:3, 3]) @ T[:3, :3]) - one.uv, axis=1)
+    cells = np.unique(np.floor(one.uv[~(off <= _APART)] * (_PLACES / rig.width)), axis=0)
+    if len(cells) < 3:
+        return 0.0
+    return float(len(cells) * np.sqrt(max(np.linalg.det(np.cov(cells.T)), 0.0)))
+
+
+def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:
+    """How far a pose is from another, m per m of depth of its landmarks in the median."""
+    T = estimate.T_world_camera
+    depth = float(np.median((xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]))
+    return float(np.linalg.norm((T_world_camera - estimate.T_world_camera)[:3, 3])) / depth
