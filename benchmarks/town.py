@@ -167,8 +167,8 @@ def alone(*given: Any) -> dict[str, Any]:
 
 
 TOLD = [  # what the page tells
-    "frames", "way, m", "ATE, m", "t_rel over 100 m, %", "t_rel over 100 to 800 m, %", "r_rel, deg/100 m",
-    "frames lost", "revisits", "closed, %", "right to 0.5 m, %", "closures",
+    "first frame", "frames", "way, m", "ATE, m", "t_rel over 100 m, %", "t_rel over 100 to 800 m, %",
+    "r_rel, deg/100 m", "frames lost", "revisits", "closed, %", "right to 0.5 m, %", "closures",
     "false closures, also over 0.5 m off",
     "keyframes", "frames/s of the last kilometre over the first's", "the same by processor time", "longest waits, s",
     "peak memory, MB",
