@@ -88,7 +88,8 @@ def choose_pose(
     if tracked is not None:
         is_confirmed = relocalized is not None and are_close(tracked, relocalized.T_world_camera, xyz, settings)
         if tracked.share < (settings.relocalized_share if is_confirmed else settings.lone_share):
-            tracked, least = None, 0 if is_confirmed else len(tracked)
+            least = 0 if is_confirmed else len(tracked)
+            tracked = None
     if relocalized is not None and (relocalized.share < settings.relocalized_share or len(relocalized) < least):
         relocalized = None
     if tracked is None or relocalized is None:
