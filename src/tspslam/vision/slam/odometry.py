@@ -32,7 +32,6 @@ from .tracking import TrackingSettings, measure_disparities, refine_pose, spread
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 _CLOSED = 6  # the same where a loop is being closed: 0.6 s at 10 Hz, enough for the graph of 5 000 keyframes
-_STRETCH = 0.6  # of the keyframe share while a loop is being closed, so that no keyframe has to wait for it
 
 
 @dataclass(frozen=True)
@@ -294,8 +293,7 @@ class StereoOdometry:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
             return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
-        share = self.tracking.keyframe_share * (_STRETCH if self.mapper.is_closing else 1.0)
-        return self.path.was_lost or len(estimate) < share * self.mapper.expected
+        return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
 
     def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
         """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
