@@ -126,6 +126,29 @@ def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
     assert sorted(counts) == [["0", "1"], ["1", "0"], ["1", "0"]]
 
 
+INTERRUPTED = """
+import sys; sys.path.insert(0, ".")
+from mine import one
+from tspslam import _kernel_cache
+class Interrupted:
+    def compile(self, *_):
+        raise KeyboardInterrupt
+def sleep(_):
+    raise AssertionError("it waits for itself")
+before, one._compiler, _kernel_cache.time.sleep = one._compiler, Interrupted(), sleep
+try:
+    one(1)
+except KeyboardInterrupt:
+    one._compiler = before
+print(one(1), len(one._cache._claims))
+"""
+
+
+def test_a_compilation_that_was_interrupted_keeps_nobody_of_its_process_waiting(tmp_path):
+    (tmp_path / "mine.py").write_text(MODULE.format(step=5, more=1, doc="One."))
+    assert outcome(start(INTERRUPTED, tmp_path / "cache", tmp_path))[0].split() == ["10", "0"]
+
+
 def test_helpers_compile_ahead_and_end_with_the_block(tmp_path):
     code = (
         "import time\n"

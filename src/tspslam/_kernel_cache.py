@@ -120,7 +120,12 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return self._folder / f"{self.stem}.{key[:_NAME]}.bin"
 
     def _wait_for_claim(self, path: Path) -> bool:
-        """Wait until no other process compiles this, and keep others waiting; False if the folder refuses."""
+        """Wait until no other process compiles this, and keep others waiting; False if the folder refuses.
+
+        A compilation of our own that was interrupted, or failed, has left its claim: numba compiles one at a time.
+        """
+        if path in self._claims:
+            return True
         last = time.monotonic() + _PATIENCE
         while time.monotonic() < last:
             try:

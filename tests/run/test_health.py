@@ -14,6 +14,7 @@ from tspslam.run.health import judge_calibration
 from tspslam.run.offset import refit_frame
 from tspslam.run.offset_doubts import offset_doubts, rows_doubts, rows_offset
 from tspslam.run.pipeline import run
+from tspslam.run.sequence import SequenceRun
 from tspslam.session import Settings
 from tspslam.view._report_advice import ADVICE
 from tspslam.vision.rig import back_project, covariance
@@ -21,7 +22,7 @@ from tspslam.vision.slam.back_end.disparity_bias import CalibrationHealth, Dispa
 from tspslam.vision.slam.least_squares.offsets import Estimate
 from tspslam.vision.slam.odometry import StereoOdometry
 
-from ..sequences import RIG, SETTINGS, Kept, corridor
+from ..sequences import RIG, SETTINGS, SMALL_RIG, Kept, corridor
 
 STREET = Rig(fx=353.5, fy=353.5, cx=301.0, cy=91.5, baseline=0.54, width=613, height=185)
 FAULTS = synthetic.Faults(noise=0.01, blur=0.5)
@@ -219,6 +220,59 @@ def test_a_finished_run_with_the_flag_is_taken_as_it_is_and_a_stopped_one_ends_t
     assert ended.run == fixed.run
     for path in sorted((fixed.folder / "frames").iterdir()):
         assert path.read_bytes() == (tmp_path / "c" / "frames" / path.name).read_bytes()
+
+
+class Part:
+    """The first pairs of a sequence, as a folder that still grows has them."""
+
+    def __init__(self, pairs, count):
+        self._pairs, self._count, self.name, self.rig = pairs, count, pairs.name, pairs.rig
+
+    def __len__(self):
+        return self._count
+
+    def __getitem__(self, index):
+        return self._pairs[index]
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A drive of few pairs whose frames are made anew, and what is left of it."""
+    pairs = corridor(3.0, SMALL_RIG, right_shift=(1.0, 0.0))
+    settings = resolve(assignments=[*SETTINGS, "mapping.fix_offset=true"])
+    return pairs, settings, files_of(run(Part(pairs, len(pairs)), tmp_path_factory.mktemp("short"), settings))
+
+
+def files_of(result):
+    paths = [result.folder / "run.json", result.folder / "state.npz", *(result.folder / "frames").iterdir()]
+    return {path.name: path.read_bytes() for path in paths}
+
+
+@pytest.mark.parametrize(("name", "count"), [("rewrite", 2), ("save_rows", 1)])
+def test_a_run_stopped_while_frames_are_made_anew_goes_on_there(short, tmp_path, monkeypatch, name, count):
+    pairs, settings, expected = short
+    calls, before = [], getattr(SequenceRun, name)
+
+    def stop(*given):
+        calls.append(given)
+        if len(calls) == count:
+            raise KeyboardInterrupt
+        return before(*given)
+
+    monkeypatch.setattr(SequenceRun, name, stop)
+    with pytest.raises(KeyboardInterrupt):
+        run(Part(pairs, len(pairs)), tmp_path, settings)
+    monkeypatch.undo()
+    ended = run(Part(pairs, len(pairs)), tmp_path, settings)
+    assert not ended.times["frames"]
+    assert files_of(ended) == expected
+
+
+def test_frames_made_for_a_shorter_path_are_made_anew_where_pairs_have_come_since(short, tmp_path, caplog):
+    pairs, settings, expected = short
+    run(Part(pairs, len(pairs) - 2), tmp_path, settings)
+    assert files_of(run(Part(pairs, len(pairs)), tmp_path, settings)) == expected
+    assert "of a shorter path" in caplog.text
 
 
 def test_a_frame_is_made_anew_with_other_cameras_as_if_it_had_been_seen_by_them(runs):

@@ -92,6 +92,32 @@ def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:
     return rows, state
 
 
+def parse_row(data: bytes) -> FrameRecord:
+    """Return the row of a frame from the text beside it.
+
+    Parameters
+    ----------
+    data : bytes
+        JSON, as `flatten_row` has it.
+
+    Returns
+    -------
+    FrameRecord
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        row = _row(0, parse_json(data))
+    except (ValueError, RecursionError) as error:
+        raise InputError("the numbers of a frame are no JSON") from error
+    if not isinstance(row, FrameRecord):
+        raise InputError("the numbers of a frame are those of none")
+    return row
+
+
 def _rows(data: bytes) -> list[Row]:
     try:
         rows = parse_json(data)

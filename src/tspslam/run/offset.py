@@ -30,14 +30,12 @@ def fix_offset(sequence: SequenceRun) -> None:
     odometry = sequence.session.odometry
     if not isinstance(odometry, StereoOdometry):
         return
-    rig, settings, is_changed = odometry.map.rig, sequence.session.settings, False
+    rig, settings = odometry.map.rig, sequence.session.settings
     for row in sequence.stored:
         frame = read_frame(sequence.folder.frame_path(row.index))
         if frame.rig != rig and row.complex_ is not None:
             sequence.rewrite(refit_frame(frame, rig, settings, _quality(row.complex_)))
-            is_changed = True
-    if is_changed:
-        sequence.save_rows()
+    sequence.save_rows()
 
 
 def refit_frame(frame: Frame, rig: Rig, settings: Settings, quality: StereoQuality | None = None) -> Frame:

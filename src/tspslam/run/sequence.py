@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -23,18 +22,16 @@ from ..frame import Frame
 from ..io import RunFolder, read_frame, write_bytes, write_frame
 from ..io.landmarks import write_landmarks
 from ..session import Session
-from ..topology.complex import Complex
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack, write_checkpoint
+from ._stored_rows import changed, find_row, text_of
 from .map import snapshot_of
 from .record import (
-    ComplexRecord,
     FrameRecord,
     Row,
     SkippedPair,
-    flatten_row,
     hash_of,
     pair_hash,
     record_complex,
@@ -287,7 +284,7 @@ class SequenceRun:
         write_frame(path, frame)
         self.folder.record(path, input_hash=row.input_hash)
         beside = path.with_suffix(".json")
-        write_bytes(beside, _text(row))
+        write_bytes(beside, text_of(row))
         self.folder.record(beside, input_hash=row.input_hash)
         watch.lap("write")
         frame.seconds.update(watch.seconds)
@@ -344,12 +341,16 @@ class SequenceRun:
         self._finish_saving()
 
     def save_rows(self) -> None:
-        """Write the rows of the last checkpoint anew; the state stays that from before the path was final."""
+        """Write the rows of the last checkpoint anew, if they are others now; the state stays that from before.
+
+        That is the one from before the path was final: with the pairs that it has seen it leads to the same end.
+        """
         path = self.folder.path / STATE_NAME
         if STATE_NAME in self.folder.units:
-            _, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
-            write_checkpoint(path, _MADE_BY, self.rows, state)
-            self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
+            rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+            if rows != self.rows:
+                write_checkpoint(path, _MADE_BY, self.rows, state)
+                self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
@@ -368,8 +369,8 @@ class SequenceRun:
         rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
         if len(rows) > len(self.wanted):
             raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
-        for index, row in zip(self.wanted, rows, strict=False):
-            self._check_as_before(index, row)
+        is_whole = len(rows) == len(self.wanted)
+        rows = [self._as_before(index, row, is_whole) for index, row in zip(self.wanted, rows, strict=False)]
         places = [row.index for row in rows if isinstance(row, FrameRecord)]
         session = Session(self.source.rig, self.session.settings, keep=False)
         odometry = session.odometry
@@ -380,8 +381,8 @@ class SequenceRun:
     def _image(self, index: int) -> Image:
         return self.source[index].left
 
-    def _check_as_before(self, index: int, row: Row) -> None:
-        """Raise `InputError` unless a row is of that pair as it is now, and its files are what the row says."""
+    def _as_before(self, index: int, row: Row, is_whole: bool) -> Row:
+        """The row of a pair, as its files have it; `InputError` unless pair and files are what they were."""
         pair = self._one(index)
         is_same = row.index == index and row.input_hash == _input_hash(pair, self.session)
         if isinstance(row, SkippedPair):
@@ -390,24 +391,11 @@ class SequenceRun:
             is_same = False
         else:
             is_same &= (row.name, row.stamp) == (pair.name, pair.stamp)
-            is_same = is_same and (row.complex_ is None or self._is_stored(row, row.complex_))
+            if is_same and row.complex_ is not None:
+                return find_row(self.folder, row, self.source.rig, is_whole=is_whole)
         if not is_same:
-            raise InputError(f"the images or the files of frame {index} are not those that it was made from")
-
-    def _is_stored(self, row: FrameRecord, complex_: ComplexRecord) -> bool:
-        """Whether a frame's files are as they were left, and of those numbers."""
-        path = self.folder.frame_path(row.index)
-        files = path, path.with_suffix(".json")
-        if not all(self.folder.is_done(file, input_hash=row.input_hash) for file in files):
-            return False
-        frame = read_frame(path)
-        found = frame.index, frame.is_keyframe, frame.is_lost, *_sizes(frame.complex_)
-        noted = row.index, row.is_keyframe, row.is_lost, complex_.points, complex_.edges, complex_.faces
-        return found == noted and read_bytes(files[1], "the numbers of a frame") == _text(row)
-
-
-def _text(row: FrameRecord) -> bytes:
-    return (json.dumps(flatten_row(row), indent=1, allow_nan=False) + "\n").encode()
+            raise changed(index)
+        return row
 
 
 def note_landmarks(sequence: SequenceRun) -> Path:
@@ -435,10 +423,6 @@ def note_landmarks(sequence: SequenceRun) -> Path:
         snapshot, rig = snapshot_of(frames, poses), sequence.session.rig
     write_landmarks(folder.landmarks_path, snapshot, rig)
     return folder.landmarks_path
-
-
-def _sizes(complex_: Complex) -> tuple[int, int, int]:
-    return complex_.n, len(complex_.edges), len(complex_.faces)
 
 
 def _input_hash(pair: StereoPair | InputError, session: Session) -> str:

@@ -186,3 +186,25 @@ def test_a_restored_map_knows_old_places_by_images_of_the_source_if_these_are_th
     assert images.forgotten == (0 if is_there else len(found))
     assert len(found) > 3
     with_images.close()
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError(), InputError("gone")])
+def test_an_image_whose_source_is_gone_is_forgotten_once(error):
+    def image_of(_):
+        raise error
+
+    images = filled(1)
+    images.add_elsewhere(3, image_of)
+    assert images.get(3) is None
+    assert 3 not in images
+    assert images.forgotten == 1
+
+
+def test_after_it_is_closed_nothing_is_read_from_another_file():
+    images = filled(9)
+    images.close()
+    for index in range(9, 15):  # which make a file anew
+        images.add(index, image(index))
+    assert images.get(1) is None
+    assert all(np.array_equal(images.get(index), image(index)) for index in range(9, 15))
+    images.close()

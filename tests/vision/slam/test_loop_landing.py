@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tspslam import Trajectory, evaluate_trajectory
+from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam._threads import set_threads
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.back_end import jobs
@@ -84,6 +84,16 @@ def test_resumed_with_one_thread_while_something_is_under_way_it_goes_on_alike(w
     proceed(odometry, rest)
     proceed(other, rest)
     assert ends_alike(odometry, other)
+
+
+def test_a_state_with_a_loop_that_nothing_closes_is_refused(walk):
+    odometry = began(walk)
+    proceed(odometry, walk[0][THERE:], lambda: odometry.map.loop is not None)
+    state = odometry.state()
+    odometry.close()
+    state["counts"][3] = 0
+    with pytest.raises(InputError, match="a loop is left that nothing closes"):
+        StereoOdometry(SMALL_RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)
 
 
 def test_a_loop_lands_within_two_frames_and_the_camera_goes_with_its_keyframe(walk):

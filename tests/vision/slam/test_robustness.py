@@ -154,6 +154,17 @@ def test_a_state_whose_disparities_have_no_spread_is_refused(walk):
     odometry = StereoOdometry(RIG, detector=DETECTOR)
     odometry.process(walk[0])
     state = odometry.state()
-    state["sigma"][0] = 0
-    with pytest.raises(InputError, match="a disparity has no spread"):
+    for least in (0, 5e-324, np.nextafter(1e-9, 0)):
+        state["sigma"][0] = least
+        with pytest.raises(InputError, match=r"a disparity has no spread|not finite"):
+            StereoOdometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[number].left)
+
+
+@pytest.mark.parametrize("information", [0.0, -1.0, 5e-324, 1e300])
+def test_a_state_whose_offset_has_a_spread_that_cannot_be_is_refused(walk, information):
+    odometry = StereoOdometry(RIG, detector=DETECTOR)
+    odometry.process(walk[0])
+    state = odometry.state()
+    state["bias"][1] = information
+    with pytest.raises(InputError, match=r"the offset has a spread|too large"):
         StereoOdometry(RIG, detector=DETECTOR).restore(state, lambda number: walk[number].left)

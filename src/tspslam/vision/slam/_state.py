@@ -54,6 +54,7 @@ _MAY_BE_NAN = frozenset({"disparity", "linked", "loop_seen"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
+_IS_ADJUSTING = 3  # place in `counts`
 _LARGEST = 1e9  # of any value; positions in m
 _LATEST = 1e10  # s, of a stamp: in the year 2286, if it counts from 1970
 _ROUNDING = 1e-6  # m per m, of a product of poses
@@ -62,6 +63,7 @@ _LONGEST_STEP = 10.0  # of that distance, from a frame to the next: a camera tha
 # Of the image's width, in the median over a keyframe, from where its landmarks should be seen: runs have less than
 # 0.001, and 0.007 right after a frame was placed wrongly.
 _MAX_OFF = 0.1
+_FINEST = 1e-9  # px, of a standard deviation: a thousandth of what the last bits of a 32-bit disparity leave open
 _MAX_WIDE = 0.01  # likewise, of disparities from those of the landmarks' depths: runs have less than 0.001
 
 
@@ -187,8 +189,10 @@ def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
         if not is_rigid(state[name]):
             yield f"array {name} holds a pose that is no rigid motion"
     offset, information = state["bias"]
-    if not (abs(offset) < rig.width and information > 0 and abs(state["row_offset"]) <= rig.height):
+    if not (abs(offset) < rig.width and abs(state["row_offset"]) <= rig.height):
         yield "an offset is larger than the image"
+    if not _LARGEST**-2 < information < _FINEST**-2:
+        yield "the offset has a spread that cannot be"
 
 
 def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
@@ -229,7 +233,7 @@ def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
     u, v = state["uv"].T
     if ((u < -1) | (u > rig.width) | (v < -1) | (v > rig.height)).any():
         yield "a landmark is seen outside the image"
-    if not (state["sigma"] > 0).all():
+    if not (state["sigma"] > _FINEST).all():
         yield "a disparity has no spread"
 
 
@@ -239,8 +243,10 @@ def _wrong_loop(state: Arrays) -> Iterator[str]:
         yield "a loop is closed by a landmark that never was"
     if len(np.unique(landmark)) < len(landmark) or not (len(state["keyframe_index"]) > 1 or not landmark.size):
         yield "a loop is closed by a landmark twice, or to no keyframe"
-    if np.isnan(u).any() or np.isnan(v).any() or not (sigma > 0).all():
+    if np.isnan(u).any() or np.isnan(v).any() or not (sigma > _FINEST).all():
         yield "a loop is closed by a landmark that is seen nowhere"
+    if landmark.size and not state["counts"][_IS_ADJUSTING]:
+        yield "a loop is left that nothing closes"
 
 
 def _wrong_ids(state: Arrays) -> Iterator[str]:

@@ -115,10 +115,11 @@ class KeyframeImages:
         self._elsewhere.pop(index, None)
 
     def close(self) -> None:
-        """Let the file go."""
+        """Let the file go, and with it what it holds."""
         if self._file is not None:
             self._file.close()
             self._file = None
+        self._stored, self._free, self._end = {}, [], 0
 
     def _store(self, index: int, image: Grey) -> None:
         """Move an image to the file: all have one size, so that the place of one serves for any other.
@@ -161,7 +162,7 @@ class KeyframeImages:
     def _fetch(self, index: int) -> Grey | None:
         """Take over an image from elsewhere, if it is there and as large as the others."""
         image_of = self._elsewhere.pop(index)
-        with contextlib.suppress(InputError):
+        with contextlib.suppress(InputError, OSError):  # of a file that is gone, from a source of the caller's own
             image = np.array(grey_levels(image_of(index)))
             if self._shape in (None, image.shape):
                 self.add(index, image)
