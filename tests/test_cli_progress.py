@@ -251,5 +251,6 @@ def test_the_table_is_plain_narrow_and_names_commands_that_run(capsys, sequence,
     assert [cli.exit_code(words) for words in commands[2:]] == [0, 0]
     capsys.readouterr()
     again = type_in(capsys, "run", "drive", "--out", "a run")[1].splitlines()
-    (time,) = [line for line in again if line not in lines]
+    time, spent = [line for line in again if line not in lines]
     assert re.fullmatch(r"  time       [\d.]+ s, none of the frames anew", time)
+    assert spent.startswith("  spent on   ")

@@ -254,7 +254,7 @@ def test_names_of_the_api_page_are_there_after_a_plain_import():
     assert {
         "tspslam.settings",
         "tspslam.run.pipeline",
-        "tspslam.vision.slam.keyframes.settings",
+        "tspslam.vision.slam.keyframes.map",
         "tspslam.topology.mahf",
     } <= set(places)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")

@@ -48,7 +48,7 @@ def test_every_command_prints_names_escaped(capsys, pair_files):
     for name in ("left.png", "right.png", "calib.yaml"):
         (pair_files / name).rename(folder / name)
     code, printed, remarks = run_pair(capsys, folder)
-    assert (code, is_text(printed + remarks), printed.count("\n")) == (0, True, 15)
+    assert (code, is_text(printed + remarks), printed.count("\n")) == (0, True, 16)
     write_tum(folder / "t.tum", np.arange(20) / 10, standard.poses(20))
     for words, count in (
         (["filter", out / "map.ply", "--image", folder / "left.png", "--calib", folder / "calib.yaml", "--out", folder / "f"], 11),
