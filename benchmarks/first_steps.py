@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -69,9 +70,17 @@ def street_steps(step: float, turn: float) -> Iterator[Step]:
         yield measure_step(list(sequence), [sequence.truth])[0]
 
 
+def open_with_truth(folder: str) -> Any:
+    """A recording that has true poses."""
+    sequence = open_sequence(folder)
+    if getattr(sequence, "truth", None) is None:
+        raise SystemExit(f"{folder}: has no true poses, expected a recording with them (KITTI, EuRoC, UTIAS)")
+    return sequence
+
+
 def recorded_steps(folder: str, every: int) -> Iterator[tuple[str, list[Step], list[Step]]]:
     """First steps of a recording with 1 of 1, 2 and 3 frames: against the path of the whole run, and the truth."""
-    sequence = open_sequence(folder)
+    sequence = open_with_truth(folder)
     odometry = StereoOdometry(sequence.rig)
     for k in range(len(sequence)):
         odometry.process(sequence[k])
@@ -100,6 +109,8 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--data", action="append", default=[], help="a recording with true poses")
     parser.add_argument("--every", type=int, default=10, help="frames from one start to the next")
     given = parser.parse_args(arguments)
+    for folder in given.data:
+        open_with_truth(folder)
     for step in STEPS:
         for turn in TURNS:
             print(f"street, {step:g} m and {turn:g} degrees: {told(list(street_steps(step, turn)))}", flush=True)

@@ -146,7 +146,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--data", action="append", default=[], help="a recording")
     parser.add_argument("--docs", type=Path, help="write the table there")
     given = parser.parse_args(arguments)
-    rows = [streets(given.streets, 2 * given.streets // 3)] if given.streets else []
+    rows = [streets(given.streets, -(-2 * given.streets // 3))] if given.streets else []
     rows += map(recording, given.data)
     print(table(rows))
     if given.docs:

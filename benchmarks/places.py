@@ -28,6 +28,7 @@ QUERIES = 50
 TRY = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # weights tried
 WEIGHT = 20.0  # words that a similarity of 1 of the responses counts; development: 50 much the same
 WORLDS = ("street", "corridor")
+INDEX = ("keyframes", "add one, ms", "query, ms", "compare everything, ms", "found first", "kB a keyframe")
 COLUMNS = ("pairs recalled at precision 1", "keyframes recalled at precision 1", "average precision")
 
 
@@ -131,7 +132,9 @@ def main() -> None:
         develop()
         return
     times = [time_index(count) for count in ((500, 1000) if given.small else (1000, 10_000))]
-    print(*times, sep="\n", flush=True)
+    print(", ".join(INDEX))
+    print(*(", ".join(row) for row in times), sep="\n", flush=True)
+    print(", ".join(COLUMNS))
     found = recalled(given.small)
     if given.docs:
         rows = [
@@ -139,9 +142,8 @@ def main() -> None:
             for name, methods in found.items()
             for method, figures in methods.items()
         ]
-        head = ["keyframes", "add one, ms", "query, ms", "compare everything, ms", "found first", "kB a keyframe"]
         (given.docs / "places_numbers.inc").write_text(tabled(["", "by", *COLUMNS], rows))
-        (given.docs / "places_index.inc").write_text(tabled(head, times))
+        (given.docs / "places_index.inc").write_text(tabled(list(INDEX), times))
 
 
 if __name__ == "__main__":

@@ -118,13 +118,13 @@ def measure(path: Trajectory, truth: Trajectory, odometry: Any) -> dict[str, Any
         "ATE, m": errors.ate_rmse_m,
         "largest error, m": float(errors.ate_m.max()),
         "t_rel over 100 m, %": errors.kitti.per_length.get(100.0, (0, None, None))[1],
-        "t_rel over 100 to 800 m, %": errors.kitti.translation_percent,
-        "r_rel, deg/100 m": errors.kitti.rotation_deg_100m,
+        "t_rel over 100 to 800 m, %": errors.kitti.translation_percent if errors.kitti.per_length else None,
+        "r_rel, deg/100 m": errors.kitti.rotation_deg_100m if errors.kitti.per_length else None,
         "scale": errors.scale,
         "revisits": len(again),
-        "closed": _share(back & (off <= CLOSED)),
-        "tied to a keyframe of over 30 s before": _share(back),
-        "right to 0.5 m": _share(off <= CLOSED),
+        "closed, %": _share(back & (off <= CLOSED)),
+        "tied to a keyframe of over 30 s before, %": _share(back),
+        "right to 0.5 m, %": _share(off <= CLOSED),
         "not closed": runs(again[~back | (off > CLOSED), 0]),
         "largest error of a revisit, m": float(off.max(initial=0)),
         "closures": closures.tolist(),
@@ -137,7 +137,8 @@ def measure(path: Trajectory, truth: Trajectory, odometry: Any) -> dict[str, Any
 
 
 def _share(found: NDArray[np.bool_]) -> float | None:
-    return float(found.mean()) if len(found) else None
+    """In per cent; None of nothing."""
+    return 100 * float(found.mean()) if len(found) else None
 
 
 def speeds(times: Times, truth: Trajectory) -> dict[str, Any]:
@@ -166,8 +167,8 @@ def alone(*given: Any) -> dict[str, Any]:
 
 
 TOLD = [  # what the page tells
-    "frames", "way, m", "ATE, m", "t_rel over 100 m, %", "t_rel over 100 to 800 m, %", "r_rel, deg/100 m",
-    "frames lost", "revisits", "closed", "right to 0.5 m", "closures",
+    "first frame", "frames", "way, m", "ATE, m", "t_rel over 100 m, %", "t_rel over 100 to 800 m, %",
+    "r_rel, deg/100 m", "frames lost", "revisits", "closed, %", "right to 0.5 m, %", "closures",
     "false closures, also over 0.5 m off",
     "keyframes", "frames/s of the last kilometre over the first's", "the same by processor time", "longest waits, s",
     "peak memory, MB",

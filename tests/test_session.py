@@ -157,7 +157,7 @@ def test_a_calibration_that_the_motion_contradicts_is_told(tmp_path):
     (said,) = [warning["message"] for warning in found["warnings"] if warning["code"] == "disparity_offset"]
     assert found["calibration"]["disparity_offset_px"] == pytest.approx(-1.0, abs=0.2)
     assert "disparities are off by -" in said
-    assert "10 m are 11" in said or "10 m are 12" in said  # 93 px m / (9.3 - 1) px
+    assert "10 m come out as 11" in said or "10 m come out as 12" in said  # 93 px m / (9.3 - 1) px
     assert "disparities are off by" in (tmp_path / "run" / "report.html").read_text()
 
 

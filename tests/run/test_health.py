@@ -105,7 +105,9 @@ def test_what_is_large_and_certain_is_said_in_one_line(bias, found):
 
 def test_it_is_said_what_an_offset_does_to_depth_at_10_and_30_m():
     (said,) = offset_doubts(STREET, biased(-1.0, 0.05), is_fixed=False)
-    assert "10 m are 10.6 m (+5.5 %), 30 m are 35.6 m (+19 %)" in said["message"]  # 190.9 px m: 19.1 and 6.4 px, less 1
+    assert (
+        "10 m come out as 10.6 m (+5.5 %), 30 m as 35.6 m (+19 %)" in said["message"]
+    )  # 190.9 px m: 19.1 and 6.4 px, less 1
     (fixed,) = offset_doubts(STREET, biased(-1.0, 0.05), is_fixed=True)
     assert "From frames, path and map it is taken off" in fixed["message"]
 

@@ -214,7 +214,7 @@ def test_it_is_said_what_an_offset_does_to_depth():
     given = {"disparity_offset_px": -5.0, "disparity_offset_std_px": 0.1}
     (finding,) = judge_calibration(given, rig, None)
     assert "off by \N{MINUS SIGN}5.00 ± 0.1 px" in finding.words
-    assert "10 m are 20 m" in finding.words  # 500 · 0.2 / 10 = 10 px, of which half are left
+    assert "10 m come out as 20 m" in finding.words  # 500 · 0.2 / 10 = 10 px, of which half are left
 
 
 def test_exposures_that_differ_by_more_than_two_stops_are_to_be_looked_at():

@@ -245,9 +245,9 @@ def end_with_files_of(most, folder, out):
 def loop(tmp_path_factory):
     """A walk, a dark stretch, and most of the walk again: a loop is closed in the second half."""
     walk = corridor(13.0, SMALL_RIG)
-    pairs = [walk[k] for k in range(22)]
+    pairs = [walk[k] for k in range(26)]
     dark = [replace(pairs[0], left=0 * pairs[0].left, right=0 * pairs[0].right)] * DARK
-    order = [*pairs, *dark, *pairs[2:12]]
+    order = [*pairs, *dark, *pairs[5:20]]
     return [replace(pair, index=k, stamp=float(k), name=f"{k:03d}") for k, pair in enumerate(order)]
 
 

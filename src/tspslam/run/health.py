@@ -174,7 +174,7 @@ def _lens(calibration: Mapping[str, Any]) -> Iterator[Finding]:
         yield Finding("Focal length", "not known", words)
         return
     verdict = _verdict(abs(error), max(most, SURE * std))
-    words = f"Turns say {error:+.1f} ± {std:.1g} % of the calibration's. {limits}"
+    words = f"As turns of the camera tell, the focal length is off by {error:+.2g} ± {std:.1g} %. {limits}"
     yield Finding("Focal length", verdict, words.replace("-", "\N{MINUS SIGN}"))
 
 

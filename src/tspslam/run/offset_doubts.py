@@ -57,10 +57,11 @@ def describe_depths(rig: Rig, offset: float) -> str:
     --------
     >>> rig = Rig(fx=700, fy=700, cx=600, cy=180, baseline=0.5, width=1200, height=360)
     >>> describe_depths(rig, -1.0)
-    '10 m are 10.3 m (+2.9 %), 30 m are 32.8 m (+9.4 %)'
+    '10 m come out as 10.3 m (+2.9 %), 30 m as 32.8 m (+9.4 %)'
     """
     seen = [(depth, depth_seen(rig, offset, depth)) for depth in (NEAR, FAR)]
-    return ", ".join(f"{d:g} m are {s:.3g} m ({100 * (s / d - 1):+.2g} %)" for d, s in seen)
+    near, far = (f"as {s:.3g} m ({100 * (s / d - 1):+.2g} %)" for d, s in seen)
+    return f"{NEAR:g} m come out {near}, {FAR:g} m {far}"
 
 
 def rows_offset(offsets: Sequence[float] | FloatArray) -> Estimate | None:
@@ -229,5 +230,5 @@ def rows_doubts(offsets: Sequence[float], lone_std: float = np.inf) -> Iterator[
         yield {"code": "vertical_offset", "message": f"{said}the last: was the rig knocked?"}
     elif whole is not None and whole.exceeds(LARGE_OFFSET, SURE):
         said = f"rows of the right image are off by {whole.value:+.2f} ± {whole.std:.2g} px; expected less than "
-        end = "matches are searched along the moved rows, so depths keep"
+        end = "matches are searched along the moved rows, so depths are not wrong by that"
         yield {"code": "vertical_offset", "message": f"{said}{LARGE_OFFSET:g}: {end}"}

@@ -125,3 +125,19 @@ def test_a_large_map_is_adjusted_in_pieces_at_the_end(walk):
         path = odometry.trajectory
         ends.append(evaluate_trajectory(path, Trajectory(path.stamp, walk[1])).ate_rmse_m)
     assert ends[0] < 2 * ends[1]
+
+
+def test_a_keyframe_sees_no_landmark_that_became_another_while_it_was_tracked(walk, monkeypatch):
+    """A loop lands when the next keyframe comes: by then that is tracked, against landmarks as they were."""
+    odometry = began(walk)
+    world = odometry.map
+    rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
+    with monkeypatch.context() as patched:
+        patched.setattr(odometry, "_wants_keyframe", lambda estimate: True)
+        proceed(odometry, rest[:1])
+    assert world.loop is None
+    assert len(world.merged)
+    assert not np.isin(world.landmark_id[world.keyframes[-1].landmark], world.merged[:, 0]).any()
+    proceed(odometry, rest[1:])
+    gone = world.merged[:, 0]
+    assert len(np.unique(gone)) == len(gone)

@@ -76,6 +76,11 @@ class LocalMapper:
         """Whether an adjustment is under way."""
         return self._asked is not None or self._closing is not None
 
+    @property
+    def is_closing(self) -> bool:
+        """Whether a loop is being closed."""
+        return self._closing is not None
+
     def add_keyframe(
         self, index: int, images: PreparedPair, T_world_camera: FloatArray, estimate: PoseEstimate | None,
         stereo: Stereo, measure: Callable[[PoseEstimate], FloatArray],
@@ -269,3 +274,28 @@ class LocalMapper:
     def close(self) -> None:
         """Let the thread go."""
         self._worker.close()
+
+
+def follow_merges(map_: Map, estimate: PoseEstimate, since: int) -> PoseEstimate:
+    """Name the landmarks of an estimate as they are called now that some became one.
+
+    Parameters
+    ----------
+    map_ : Map
+        Keyframes and landmarks.
+    estimate : PoseEstimate
+        From before landmarks were merged.
+    since : int
+        How many had been merged by then.
+
+    Returns
+    -------
+    PoseEstimate
+        Of two landmarks that became one it keeps one.
+    """
+    now = map_.landmark_id[estimate.landmark]
+    for gone, other in map_.merged[since:].tolist():
+        now[now == gone] = other
+    kept = np.sort(np.unique(now, return_index=True)[1])
+    rows = np.searchsorted(map_.landmark_id, now[kept])
+    return replace(estimate, landmark=rows, uv=estimate.uv[kept], disparity=estimate.disparity[kept])

@@ -23,7 +23,7 @@ from ._state import check_state, map_state, restore_map
 from .back_end.calibration_health import settle_offset
 from .keyframes.map import Map
 from .keyframes.settings import MapSettings
-from .local_mapping import LocalMapper
+from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
 from .path import CameraPath
 from .places.loop_closing import LoopSettings, PlaceRecognition
@@ -31,6 +31,7 @@ from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
+_CLOSED = 6  # the same where a loop is being closed: 0.6 s at 10 Hz, enough for the graph of 5 000 keyframes
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,7 @@ class StereoOdometry:
         images, watch, path = prepare(pair), Stopwatch(), self.path
         estimate = None
         if self.map.keyframes:
-            if len(path) >= self.map.keyframes[-1].index + _JOINED:
+            if len(path) >= self.map.keyframes[-1].index + (_CLOSED if self.mapper.is_closing else _JOINED):
                 path.pose = self.mapper.join(path.pose)
             watch.lap("wait")
             predicted = path.predict(images.stamp)
@@ -246,7 +247,11 @@ class StereoOdometry:
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
         link = self._link(images, estimate)
         watch.lap("follow")
-        stereo = self._add_keyframe(images, estimate, watch) if self._wants_keyframe(estimate) else None
+        stereo = None
+        if self._wants_keyframe(estimate):
+            estimate = self._join(estimate)
+            watch.lap("wait")
+            stereo = self._add_keyframe(images, estimate, watch)
         path.record(images.stamp, self.map, link)
         return self._tracked(estimate, stereo, watch)
 
@@ -290,10 +295,14 @@ class StereoOdometry:
             return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
         return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
 
+    def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
+        """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
+        since = len(self.map.merged)
+        self.path.pose = self.mapper.join(self.path.pose)
+        return None if estimate is None else follow_merges(self.map, estimate, since)
+
     def _add_keyframe(self, images: PreparedPair, estimate: PoseEstimate | None, watch: Stopwatch) -> Stereo | None:
         """Make a frame a keyframe, if its images show enough; the first one must."""
-        self.path.pose = self.mapper.join(self.path.pose)
-        watch.lap("wait")
         try:
             stereo = match_stereo(images, self._detect, self._match)
         except GeometryError:

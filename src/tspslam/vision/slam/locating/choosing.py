@@ -69,6 +69,7 @@ def choose_pose(
 
     A camera that moved farther than patches are looked for finds a few landmarks near any guess, so a pose needs enough
     of those in view. Where both have enough, descriptors must lead to many more: they may be those of a moving object.
+    Where descriptors lead elsewhere, to fewer landmarks than were found near the guess, neither is believed.
 
     Parameters
     ----------
@@ -83,11 +84,13 @@ def choose_pose(
     -------
     PoseEstimate or None
     """
+    least = 0
     if tracked is not None:
         is_confirmed = relocalized is not None and are_close(tracked, relocalized.T_world_camera, xyz, settings)
         if tracked.share < (settings.relocalized_share if is_confirmed else settings.lone_share):
+            least = 0 if is_confirmed else len(tracked)
             tracked = None
-    if relocalized is not None and relocalized.share < settings.relocalized_share:
+    if relocalized is not None and (relocalized.share < settings.relocalized_share or len(relocalized) < least):
         relocalized = None
     if tracked is None or relocalized is None:
         return relocalized if tracked is None else tracked

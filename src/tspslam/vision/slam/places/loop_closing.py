@@ -366,7 +366,8 @@ class PlaceRecognition:
         if T is None or not (references := self._references_to(frames, ~tracked)):
             return None
         found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking)
-        return found if found is not None and len(found) >= self.loops.min_landmarks else None
+        is_enough = found is not None and len(found) >= self.loops.min_landmarks
+        return found if found is not None and is_enough and found.share >= self.tracking.relocalized_share else None
 
     def _is_believed(self, found: PoseEstimate, estimate: PoseEstimate, place: int, slack: float) -> bool:
         """Whether the path may have drifted so far, and it is no chance: near, many landmarks, or two keyframes."""
