@@ -3,6 +3,7 @@
 import multiprocessing
 import threading
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,3 +107,22 @@ def test_what_cannot_be_called_or_is_no_setting_is_named_before_anything_is_made
     with pytest.raises(InputError, match=said):
         run_path(walk, tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
+
+
+def test_pairs_that_do_not_say_where_they_stand_are_numbered_by_their_place(walk, whole, tmp_path):
+    """As all made by hand are: `StereoPair` counts from 0 by default."""
+
+    class Unnumbered:
+        def __init__(self, pairs):
+            self._pairs, self.name, self.rig = pairs, pairs.name, pairs.rig
+
+        def __len__(self):
+            return len(self._pairs)
+
+        def __getitem__(self, index):
+            return replace(self._pairs[index], index=0)
+
+    run(Unnumbered(open_sequence(walk)), tmp_path, CHOSEN)
+    assert len(list((tmp_path / "frames").glob("*.npz"))) > 1
+    for path in (whole[0] / "frames").iterdir():
+        assert (tmp_path / "frames" / path.name).read_bytes() == path.read_bytes()

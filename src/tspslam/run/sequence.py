@@ -246,12 +246,13 @@ class SequenceRun:
                 yield index, pair
 
     def _one(self, index: int) -> StereoPair | InputError:
+        """One pair, numbered by its place, after which its files are named; or why it cannot be read."""
         try:
             pair = self.source[index]
             check_pair(pair)
         except InputError as error:
             return error
-        return pair
+        return pair if pair.index == index else replace(pair, index=index)
 
     def _process(self, index: int, pair: StereoPair | InputError) -> Frame | None:
         """Add the row of one pair; its frame goes to the folder if it carries a complex."""
