@@ -48,29 +48,34 @@ def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) ->
     CalibrationHealth or None
         None where there is too little to tell.
     """
-    every = _Pieces(map_, sigma_uv)
+    every, used = _Pieces(map_, sigma_uv), rig.doffs - map_.rig.doffs
+    ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
+    thirds = [_third(every.equations(map_.keyframes[start:end])) for start, end in pairwise(ends)]  # one by one: large
     whole = every.equations(map_.keyframes)
     if not whole:
         return None
-    used = rig.doffs - map_.rig.doffs
-    ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
-    parts = [every.equations(map_.keyframes[start:end]) for start, end in pairwise(ends)]
-    thirds = [Solution(part, _ONE) if part else None for part in parts]
     groups, turning = Solution(whole, np.eye(5)[:, :4]), Solution(whole, _TOGETHER)
     return CalibrationHealth(
         offset=_with_prior(Solution(whole, _ONE).combine((1.0,)).plus(used), sigma_offset),
-        thirds=tuple(None if third is None else _known(third.combine((1.0,)).plus(used)) for third in thirds),
-        drift=_drift(thirds),
+        thirds=tuple(None if offset is None else offset.plus(used) for offset, _ in thirds),
+        drift=_drift([contrast for _, contrast in thirds]),
         far_near=groups.contrast((0.5, 0.5, -0.5, -0.5)),
         right_left=groups.contrast((-0.5, 0.5, -0.5, 0.5)),
         focal=turning.contrast((0.0, 1.0)),
     )
 
 
-def _drift(thirds: Sequence[Solution | None]) -> Estimate | None:
+def _third(pieces: Sequence[PieceEquations]) -> tuple[Estimate | None, Estimate | None]:
+    """The offset of part of a path, and the same where it is what one offset of all would take for chance."""
+    if not pieces:
+        return None, None
+    solution = Solution(pieces, _ONE)
+    return _known(solution.combine((1.0,))), _known(solution.contrast((1.0,)))
+
+
+def _drift(thirds: Sequence[Estimate | None]) -> Estimate | None:
     """The offset of the last third less that of the first, if the middle one lies about between them."""
-    found = [None if third is None else _known(third.contrast((1.0,))) for third in thirds]
-    first, middle, last = found
+    first, middle, last = thirds
     if first is None or last is None:
         return None
     drift = last.less(first)
