@@ -345,9 +345,8 @@ def test_images_of_every_kind_give_a_session_and_a_run_one_map(walk, tmp_path, k
 
         def __getitem__(self, k):
             pair, scale = walk[2 * k], 257 if kind is np.uint16 else 1 / 255
-            return replace(
-                pair, left=(pair.left * kind(scale)).astype(kind), right=(pair.right * kind(scale)).astype(kind)
-            )
+            left, right = ((side * kind(scale)).astype(kind) for side in (pair.left, pair.right))
+            return replace(pair, left=left, right=right, index=k)
 
     with Session(walk.rig, STAGES) as session:
         for k in range(6):
@@ -355,7 +354,6 @@ def test_images_of_every_kind_give_a_session_and_a_run_one_map(walk, tmp_path, k
         session.finish()
         made = build_map(session)
     run(Other(), tmp_path / "run", resolve(assignments=SETTINGS))
-    # indices of these pairs are those of the walk in one and in the other
     assert_same(load_map(tmp_path / "run"), made)
 
 

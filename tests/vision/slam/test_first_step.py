@@ -156,7 +156,8 @@ XYZ = np.tile((0.0, 0.0, 10.0), (1000, 1))
         (estimate(17, 818), estimate(400, 800, 1.0), "recognised"),
         (estimate(62, 800), estimate(60, 800, 1.0), None),
         (estimate(90, 800), estimate(85, 800, 0.01), "followed"),  # the same pose: each confirms the other
-        (estimate(90, 800), estimate(85, 800, 1.0), "recognised"),
+        (estimate(90, 800), estimate(85, 800, 1.0), None),  # one word against another
+        (estimate(90, 800), estimate(95, 800, 1.0), "recognised"),
         (estimate(177, 840), estimate(346, 1040, 1.0), "followed"),  # descriptors found an object that moves
         (estimate(130, 840), estimate(500, 1040, 1.0), "recognised"),
         (None, None, None),
