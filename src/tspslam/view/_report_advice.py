@@ -32,8 +32,7 @@ ADVICE = {
     "frames_dropped": "Run the recording, which has all pairs; smaller images or fewer a second let tracking keep up.",
     "frames_missed": "Record smaller images, fewer a second, or to a faster disk.",
     "images_forgotten": (
-        "Make room where temporary files go (TMPDIR names another place), or give more memory: "
-        "--set tracking.map.image_bytes=1e9, say."
+        "Make room where temporary files go (TMPDIR names another place), or give images of old keyframes more memory."
     ),
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
