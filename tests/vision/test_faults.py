@@ -12,7 +12,7 @@ from tspslam.datasets.synthetic import shapes
 from tspslam.io import read_trajectory
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
-from tspslam.vision.slam import bundle
+from tspslam.vision.slam.least_squares import bundle
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 
 from ..datasets.standard import kitti_seq1

@@ -111,7 +111,7 @@ class LocalMapper:
         keypoints = Keypoints(stereo.left.uv, stereo.disparity, binary_descriptors(stereo.left.descriptor))
 
         def spread(uv: FloatArray) -> FloatArray:
-            return spread_of(images, uv, self.sigma_disparity)
+            return spread_of(images.sigma, uv, self.sigma_disparity)
 
         loop = None
         if estimate is not None:

@@ -275,7 +275,7 @@ class StereoOdometry:
         if estimate is None:
             return None
         disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
-        spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
+        spread = spread_of(images.sigma, estimate.uv, self.tracking.sigma_disparity)
         return refine_pose(map_.rig, estimate, map_.xyz, disparity, spread, settings)
 
     def _link(self, images: PreparedPair, estimate: PoseEstimate | None) -> tuple[int, FloatArray]:
@@ -284,7 +284,7 @@ class StereoOdometry:
             return 0, np.zeros((6, 6))
         if estimate is None:
             return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
-        spread = spread_of(images, estimate.uv, self.tracking.sigma_disparity)
+        spread = spread_of(images.sigma, estimate.uv, self.tracking.sigma_disparity)
         return covariance_against_keyframe(
             self.map, estimate, self.tracking.pose.sigma_uv, spread, self.mapper.bias.std
         )

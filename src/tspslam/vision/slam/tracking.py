@@ -234,13 +234,13 @@ def measure_disparities(
     return np.where(are_usable(images.usable, uv_right(estimate.uv, found)), found, np.nan)
 
 
-def spread_of(images: PreparedPair, uv: FloatArray, otherwise: float) -> FloatArray:
+def spread_of(sigma: FloatArray | None, uv: FloatArray, otherwise: float) -> FloatArray:
     """Standard deviations of the disparities at places of the left image.
 
     Parameters
     ----------
-    images : PreparedPair
-        With `sigma`, perhaps.
+    sigma : (H, W) float or None
+        Those of a pair's pixels, if it tells them, px.
     uv : (K, 2) float64
         Places inside the image, px.
     otherwise : float
@@ -251,7 +251,7 @@ def spread_of(images: PreparedPair, uv: FloatArray, otherwise: float) -> FloatAr
     (K,) float64
         px.
     """
-    return np.full(len(uv), otherwise) if images.sigma is None else sample_sigma(images.sigma, uv, otherwise)
+    return np.full(len(uv), otherwise) if sigma is None else sample_sigma(sigma, uv, otherwise)
 
 
 def refine_pose(
