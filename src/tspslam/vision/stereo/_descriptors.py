@@ -8,6 +8,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from ..._jit import inlined, kernel
+from ..features._hamming import hamming
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -15,19 +16,6 @@ Int64 = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
 FAR = 1e12  # a distance of descriptors beyond all real ones
-
-
-@inlined
-def hamming(a: Words, b: Words) -> np.int64:
-    """Count the bits in which two rows of 64-bit words differ."""
-    total = np.uint64(0)
-    for k in range(a.shape[0]):
-        x = a[k] ^ b[k]
-        x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
-        x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
-        x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-        total += (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
-    return np.int64(total)
 
 
 @inlined

@@ -13,6 +13,7 @@ from ....types import FloatArray, Rig
 from ...se3 import inverse, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
+from ..keyframes.sightings import match_sights
 from ..least_squares.bundle import lens_of
 from ..least_squares.pose_graph import PoseEdges, optimise_poses
 from ..pose import PoseEstimate
@@ -206,12 +207,8 @@ def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
 
 def _join_sights(map_: Map, again: Keyframe, same_landmark: float) -> None:
     """Have the last keyframe see what it sees again; landmarks that it sees in the same place become one."""
-    from scipy.spatial import cKDTree
-
     own = map_.keyframes[-1]
-    places = [np.column_stack([frame.uv, frame.disparity]) for frame in (again, own)]
-    known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
-    away, nearest = cKDTree(places[0][known[0]]).query(places[1][known[1]], distance_upper_bound=same_landmark)
-    is_same = np.isfinite(away)
-    map_.merge_landmarks(again.landmark[known[0][nearest[is_same]]], own.landmark[known[1][is_same]])
+    seen, known = (np.column_stack([frame.uv, frame.disparity]) for frame in (again, own))
+    older, rows = match_sights(seen, known, same_landmark)
+    map_.merge_landmarks(again.landmark[older], own.landmark[rows])
     map_.observe(len(map_.keyframes) - 1, again)

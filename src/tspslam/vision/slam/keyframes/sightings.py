@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ....types import FloatArray
 from .columns import Column
 
 Rows = NDArray[np.int64]
@@ -176,3 +177,26 @@ class Sightings:
 def _pairs(at: Rows, frame: Rows) -> Rows:
     """One number for each pair."""
     return at << 32 | frame
+
+
+def match_sights(first: FloatArray, second: FloatArray, within: float) -> tuple[Rows, Rows]:
+    """Find sights in the same place: for each of the second, the nearest of the first.
+
+    Parameters
+    ----------
+    first, second : (N, 3) float64, (M, 3) float64
+        (u, v, disparity), px; those whose disparity is NaN match none.
+    within : float
+        Largest distance, px.
+
+    Returns
+    -------
+    (K,) int64, (K,) int64
+        Rows of the first, where several of the second may match one; rows of the second, ascending.
+    """
+    from scipy.spatial import cKDTree
+
+    known = [np.flatnonzero(np.isfinite(sights).all(axis=1)) for sights in (first, second)]
+    away, nearest = map(np.asarray, cKDTree(first[known[0]]).query(second[known[1]], distance_upper_bound=within))
+    is_same = np.isfinite(away)
+    return known[0][nearest[is_same]], known[1][is_same]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...._jit import inlined, kernel
+from ...features._hamming import hamming
 
 Words = NDArray[np.uint64]
 UInt32 = NDArray[np.uint32]
@@ -39,19 +40,6 @@ def make_keys(descriptors: Words, bits: Int64, keys: UInt32) -> None:
             keys[i, t] = np.uint32(key)
 
 
-@inlined
-def differing_bits(a: Words, b: Words) -> np.int64:
-    """Count the bits in which two descriptors differ."""
-    total = np.uint64(0)
-    for k in range(a.shape[0]):
-        x = a[k] ^ b[k]
-        x = x - ((x >> np.uint64(1)) & np.uint64(0x5555555555555555))
-        x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
-        x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-        total += (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
-    return np.int64(total)
-
-
 @kernel
 def find_words(descriptors: Words, keys: UInt32, start: Int64, used: UInt32, room: UInt32, words: Words,
                found: Int64) -> None:  # fmt: skip
@@ -62,7 +50,7 @@ def find_words(descriptors: Words, keys: UInt32, start: Int64, used: UInt32, roo
         found[i] = -1
         for k in range(start[at], start[at] + np.int64(used[at])):
             word = np.int64(room[k]) & _WORD
-            if differing_bits(words[word], descriptors[i]) == 0:
+            if hamming(words[word], descriptors[i]) == 0:
                 found[i] = word
                 break
 
@@ -177,7 +165,7 @@ def count_votes(descriptors: Words, keys: UInt32, start: Int64, used: UInt32, ro
             for k in range(start[at], start[at] + np.int64(used[at])):
                 entry = np.int64(room[k])
                 word = entry & _WORD
-                if entry >> WORD_BITS != key >> LIST_BITS or differing_bits(words[word], descriptors[i]) > farthest:
+                if entry >> WORD_BITS != key >> LIST_BITS or hamming(words[word], descriptors[i]) > farthest:
                     continue
                 v = head[word]
                 while v >= 0:

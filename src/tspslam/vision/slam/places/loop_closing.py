@@ -17,6 +17,7 @@ from ...rig import project
 from ...se3 import inverse
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
+from ..keyframes.sightings import match_sights
 from ..pose import PoseEstimate, solve_pnp
 from ..tracking import Reference, TrackingSettings, refine_pose, track_pose
 from .map_index import MapIndex
@@ -245,14 +246,8 @@ class PlaceRecognition:
         PoseEstimate
             The landmarks of both that agree, and their pose.
         """
-        from scipy.spatial import cKDTree
-
-        places = np.column_stack([again.uv, again.disparity]), np.column_stack([estimate.uv, estimate.disparity])
-        known = [np.flatnonzero(np.isfinite(one).all(axis=1)) for one in places]
-        tree, most = cKDTree(places[0][known[0]]), self.loops.same_landmark
-        away, nearest = map(np.asarray, tree.query(places[1][known[1]], distance_upper_bound=most))
-        is_same = np.isfinite(away)
-        others, first = known[1][is_same], known[0][nearest[is_same]]
+        seen, own = (np.column_stack([one.uv, one.disparity]) for one in (again, estimate))
+        first, others = match_sights(seen, own, self.loops.same_landmark)
         self.map_.merge_landmarks(again.landmark[first], estimate.landmark[others])
         rest = np.setdiff1d(np.arange(len(estimate)), others)
         both = replace(
