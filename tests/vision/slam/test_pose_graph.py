@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from tspslam.errors import GeometryError, InputError
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.least_squares.pose_graph import PoseEdges, optimise_poses
+from tspslam.vision.slam.least_squares.pose_graph import PoseEdges, marginal_covariance, optimise_poses
 
 
 def ring(count=30, seed=0):
@@ -220,3 +220,35 @@ def test_the_factor_of_blocks_solves_the_equations(n, links):
     np.testing.assert_allclose(x.ravel(), np.linalg.solve(A, b.ravel()), rtol=1e-8, atol=1e-9)
     L[:] = 0
     assert not factor_blocks(start, row, L)
+
+
+def test_the_covariance_of_a_pose_is_its_block_of_the_inverse_equations():
+    """NumPy's truth: residuals differentiated by differences, all equations inverted at once."""
+    count, step = 8, 1e-6
+    T, (i, j) = ring(count), chords(count)
+    edges = edges_of(T, i, j, random_information(len(i)))
+
+    def residuals(x):
+        off = T.copy()
+        off[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(x[:, :3]).as_matrix()
+        off[:, :3, 3] += (T[:, :3, :3] @ x[:, 3:, None])[..., 0]
+        D = inverse(edges.T_ij) @ inverse(off[i]) @ off[j]
+        return np.concatenate([Rotation.from_matrix(D[:, :3, :3]).as_rotvec(), D[:, :3, 3]], axis=1)
+
+    columns = [(residuals(d.reshape(count, 6)) - residuals(-d.reshape(count, 6))) / (2 * step)
+               for d in step * np.eye(6 * count)[6:]]  # fmt: skip
+    J = np.stack(columns, axis=-1)
+    C = np.linalg.inv(np.einsum("eai,eab,ebj->ij", J, edges.information, J))
+    for place in range(1, count):
+        rows = slice(6 * place - 6, 6 * place)
+        np.testing.assert_allclose(marginal_covariance(T, edges, place), C[rows, rows], atol=1e-6)
+    assert not marginal_covariance(T, edges, 0).any()
+
+
+def test_a_covariance_needs_edges_that_fix_the_pose():
+    T = ring(3)
+    with pytest.raises(GeometryError, match="hangs on no fixed pose"):
+        marginal_covariance(T, edges_of(T, np.array([0]), np.array([1])), 1)
+    loose = edges_of(T, np.array([0, 1]), np.array([1, 2]), np.zeros((2, 6, 6)))
+    with pytest.raises(GeometryError, match="the equations have no solution"):
+        marginal_covariance(T, loose, 1)

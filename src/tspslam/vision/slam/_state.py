@@ -30,6 +30,8 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "poses": ("<f8", (2, 4, 4)),
     "counts": ("<i8", (5,)),
     "closures": ("<i8", ("c", 2)),
+    "loops": ("<i8", ("e", 2)),
+    "looped": ("<f8", ("e", 6, 6)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),
@@ -218,6 +220,9 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
     frame, earlier = state["closures"].T
     if (np.diff(frame) <= 0).any() or not ((earlier >= 0) & (earlier < frame) & (frame < count)).all():
         yield "a loop was closed at a frame that is none, or out of order"
+    frame, earlier = state["loops"].T
+    if (np.diff(frame) <= 0).any() or not ((earlier >= 0) & (earlier < frame) & (frame < count)).all():
+        yield "a place was seen again at a frame that is none, or out of order"
 
 
 def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:

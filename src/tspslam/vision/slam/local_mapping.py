@@ -23,10 +23,12 @@ from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
 from .least_squares.bundle import Adjustment
+from .locating.locator import covariance_against_keyframe
+from .locating.path_covariance import Links
 from .new_landmarks import follow_offset
 from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
-from .tracking import spread_of
+from .tracking import refine_pose, spread_of
 
 
 class LocalMapper:
@@ -57,6 +59,8 @@ class LocalMapper:
         Landmarks of the last keyframe when it was added.
     closures : list of (int, int)
         Loops closed: number of the frame, and that of the keyframe that it came back to.
+    loops : Links
+        Keyframes that saw an old place again, whether a loop was closed or not, against a keyframe there.
     unsolved : int
         Adjustments that had no solution.
     """
@@ -66,6 +70,7 @@ class LocalMapper:
         self.sigma_disparity, self.bias = sigma_disparity, DisparityBias(sigma_offset, map_.window)
         self.expected = self.unsolved = 0
         self.closures: list[tuple[int, int]] = []
+        self.loops = Links.of_none()
         self._worker = Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
         self._closing: Future[ClosedLoop | None] | None = None
@@ -137,10 +142,20 @@ class LocalMapper:
         if loop is None:
             return estimate, None
         again = replace(loop.estimate, disparity=measure(loop.estimate))
+        self._note_loop(index, loop.place, again, spread)
         if loop.drift <= self._places.loops.min_error:
             return self._places.merge_observations(again, estimate, spread), None
         self.closures.append((index, self.map.keyframes[loop.place].index))
         return estimate, (again, self.map.landmark_id[again.landmark])
+
+    def _note_loop(
+        self, index: int, place: int, again: PoseEstimate, spread: Callable[[FloatArray], FloatArray]
+    ) -> None:
+        """Note how well a frame is known against an old keyframe whose landmarks it sees again."""
+        map_, tracking = self.map, self._places.tracking
+        found = refine_pose(map_.rig, again, map_.xyz, again.disparity, spread(again.uv), tracking)
+        sigma = tracking.sigma_uv, spread(found.uv), self.bias.std
+        self.loops = self.loops.and_one(index, *covariance_against_keyframe(map_, found, *sigma, place))
 
     def start_adjustment(self) -> None:
         """Have the last keyframes adjusted, and a loop closed or a piece of the map that one has moved adjusted."""

@@ -25,6 +25,7 @@ from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
+from .locating.path_covariance import Links
 from .path import CameraPath
 from .places.loop_closing import LoopSettings, PlaceRecognition
 from .pose import PoseEstimate, Tracked
@@ -182,9 +183,10 @@ class StereoOdometry:
         """Find the covariance of the pose of a frame against the first frame's.
 
         It adds up, from keyframe to keyframe, how well each was located against the one before: errors of one step
-        turn and lever all that follows. Steps count as independent, though they share landmarks and the offset of
-        the disparities: that makes the sum too small. Adjustments and loops bring in more than a step's own sights;
-        that is left out, and makes it too large.
+        turn and lever all that follows. Keyframes that saw an old place again are tied to it too, by what they saw:
+        with such loops it is a block of the inverse of the normal equations of all these poses. Steps and loops count
+        as independent, though they share landmarks and the offset of the disparities: that makes it too small.
+        Adjustments bring in more than a step's own sights; that is left out, and makes it too large.
 
         Parameters
         ----------
@@ -214,7 +216,7 @@ class StereoOdometry:
         """
         if not (isinstance(frame, int | np.integer) and 0 <= frame < len(self.path)):
             raise InputError(f"odometry: frame is {frame!r}, expected one of 0 to {len(self.path) - 1}")
-        return self.path.covariance_from_start(int(frame), self.trajectory.T_world_camera)
+        return self.path.covariance_from_start(int(frame), self.trajectory.T_world_camera, self.mapper.loops)
 
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair, and make it a keyframe where the map needs one.
@@ -372,6 +374,8 @@ class StereoOdometry:
             "poses": np.stack([path.pose, path.motion]),
             "counts": np.array(counts, np.int64),
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
+            "loops": np.column_stack([mapper.loops.frame, mapper.loops.against]),
+            "looped": mapper.loops.covariance,
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
@@ -402,6 +406,7 @@ class StereoOdometry:
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_adjusting, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
+        mapper.loops = Links(*state["loops"].T.copy(), state["looped"])
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
         if was_adjusting:  # what was under way began from this very map

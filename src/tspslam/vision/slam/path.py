@@ -9,7 +9,7 @@ from ...types import FloatArray, Trajectory
 from ..se3 import inverse, normalised, repeated
 from .keyframes.columns import Column
 from .keyframes.map import Map
-from .locating.uncertainty import adjoint
+from .locating.path_covariance import Links, covariance_from_start
 from .pose import PoseEstimate
 
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
@@ -217,8 +217,8 @@ class CameraPath:
         poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
         return Trajectory(self.stamps.copy(), poses[np.searchsorted(keyframes, self.anchors)] @ self.anchored)
 
-    def covariance_from_start(self, frame: int, poses: FloatArray) -> FloatArray:
-        """Find the covariance of a frame's pose against the first one: its own and those of the keyframes before it.
+    def covariance_from_start(self, frame: int, poses: FloatArray, loops: Links) -> FloatArray:
+        """Find the covariance of a frame's pose against the first one, by the steps to it and by loops.
 
         Parameters
         ----------
@@ -226,15 +226,12 @@ class CameraPath:
             Number of the frame.
         poses : (T, 4, 4) float64
             Of all frames.
+        loops : Links
+            Frames that saw an old place again, against keyframes there.
 
         Returns
         -------
         (6, 6) float64
             Of (ω, υ), rad and m, in the camera's frame.
         """
-        T_camera_world, total = inverse(poses[frame]), np.zeros((6, 6))
-        while frame > 0:
-            across = adjoint(T_camera_world @ poses[frame])
-            total += across @ self.linked[frame] @ across.T
-            frame = int(self.links[frame])
-        return np.full((6, 6), np.inf) if np.isnan(total).any() else total
+        return covariance_from_start(frame, poses, Links(np.arange(len(self)), self.links, self.linked), loops)

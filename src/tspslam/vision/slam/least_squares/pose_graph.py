@@ -121,6 +121,44 @@ def optimise_poses(
     return _Graph(edges, stays, float(huber)).solve(T, max_steps)
 
 
+def marginal_covariance(T_world: FloatArray, edges: PoseEdges, place: int) -> FloatArray:
+    """Find the covariance of a pose against the first one, given all edges: a block of the inverse normal equations.
+
+    Parameters
+    ----------
+    T_world : (K, 4, 4) float64
+        Poses, m.
+    edges : PoseEdges
+        What is known of them relative to each other; the equations are those at these poses.
+    place : int
+        Which pose.
+
+    Returns
+    -------
+    (6, 6) float64
+        Of (ω, υ), rad and m, in its own frame; 0 for the first.
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `optimise_poses`.
+
+    Examples
+    --------
+    >>> line, i = np.tile(np.eye(4), (3, 1, 1)), np.array([0, 1])
+    >>> step = PoseEdges(i, i + 1, line[:2], np.tile(np.eye(6), (2, 1, 1)))
+    >>> marginal_covariance(line, step, 2)[3, 3]
+    2.0
+    >>> twice = PoseEdges(np.append(i, 0), np.append(i + 1, 2), line, np.tile(np.eye(6), (3, 1, 1)))
+    >>> round(marginal_covariance(line, twice, 2)[3, 3], 9)
+    0.666666667
+    """
+    T = np.ascontiguousarray(real_array(T_world, "pose graph: poses", "(K, 4, 4)"), np.float64)
+    edges, stays = _checked(T, edges), _stays(None, len(T))
+    _require_hold(edges, stays)
+    return _Graph(edges, stays, np.inf).covariance(T, place)
+
+
 @dataclass(frozen=True, repr=False)
 class _Poses(Brief):
     """Poses (K, 3, 3), (K, 3), their cost, the lengths of the residuals, and the equations of a step from there."""
@@ -159,6 +197,23 @@ class _Graph:
         result[self.free, :3, :3], result[self.free, :3, 3] = found.state.R[self.free], found.state.t[self.free]
         result[self.free] = normalised(result[self.free])
         return PoseGraph(result, found.cost_before, found.cost, found.state.distance, found.steps)
+
+    def covariance(self, T: FloatArray, place: int) -> FloatArray:
+        """Covariance of a pose at poses T."""
+        from ._block_cholesky import factor_blocks, solve_blocks
+
+        column, C = int(self.column[place]), np.zeros((6, 6))
+        if column < 0:
+            return C
+        L = self._at(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3].copy()).L
+        if not factor_blocks(self.start, self.row, L):
+            raise GeometryError("pose graph: the equations have no solution, expected edges that fix the poses")
+        for k in range(6):
+            x = np.zeros((self.count, 6))
+            x[column, k] = 1
+            solve_blocks(self.start, self.row, L, x)
+            C[:, k] = x[column]
+        return (C + C.T) / 2
 
     def _at(self, R: FloatArray, t: FloatArray) -> _Poses:
         """Poses with their equations."""

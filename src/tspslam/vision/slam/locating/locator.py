@@ -183,8 +183,9 @@ def _agree(rig: Rig, T: FloatArray, xyz: FloatArray, uv: FloatArray, most: float
 
 
 def covariance_against_keyframe(
-    map_: Map, estimate: PoseEstimate, sigma_uv: float, sigma_disparity: FloatArray, offset_std: float
-) -> tuple[int, FloatArray]:
+    map_: Map, estimate: PoseEstimate, sigma_uv: float, sigma_disparity: FloatArray, offset_std: float,
+    place: int | None = None,
+) -> tuple[int, FloatArray]:  # fmt: skip
     """Find the covariance of a pose against the keyframe that measured its landmarks (`pose_covariance`).
 
     Parameters
@@ -199,18 +200,22 @@ def covariance_against_keyframe(
         Standard deviations of disparities, px.
     offset_std : float
         Standard deviation of the offset that all disparities have in common, px.
+    place : int, optional
+        Which keyframe that is; by default the last one, unless it saw less than half: then that which saw most.
 
     Returns
     -------
     (int, (6, 6) float64)
-        Number of that keyframe's frame: the last one, unless it saw less than half; and the covariance.
+        Number of that keyframe's frame, and the covariance.
     """
-    recent = map_.keyframes[-map_.window :]
-    is_seen = np.array([np.isin(estimate.landmark, frame.landmark) for frame in recent])
-    holder = recent[-1]
-    if is_seen[-1].mean() < _HELD:
-        holder = max(map_.keyframes, key=lambda frame: int(np.isin(estimate.landmark, frame.landmark).sum()))
-    views, pull = np.maximum(is_seen.sum(axis=0), 1), _pull(map_, holder, estimate.landmark)
+    rows = estimate.landmark
+    is_seen = np.array([np.isin(rows, frame.landmark) for frame in map_.keyframes[-map_.window :]])
+    if place is None:
+        place = len(map_.keyframes) - 1
+        if is_seen[-1].mean() < _HELD:
+            place = max(map_.seen_by(rows), key=lambda k: int(np.isin(rows, map_.keyframes[k].landmark).sum()))
+    holder = map_.keyframes[place]
+    views, pull = np.maximum(is_seen.sum(axis=0), 1), _pull(map_, holder, rows)
     sources = Sources(holder.T_world_camera, pull, views, sigma_uv, sigma_disparity, offset_std)
     return holder.index, pose_covariance(map_.rig, estimate, map_.xyz, sources)
 
