@@ -75,6 +75,15 @@ def looped(count, *, turn=0.0005, shift=0.01, seed=0, **settings):
     return world, T
 
 
+def copy_map(world):
+    """A copy of a map's keyframes and landmarks, that knows who sees what."""
+    copy = Map(world.rig, window=world.window, settings=world.settings)
+    copy.keyframes, copy.xyz, copy.landmark_id = list(world.keyframes), world.xyz, world.landmark_id
+    copy.merged, copy.loop, copy.unsettled = world.merged, world.loop, set(world.unsettled)
+    copy.note_sightings()
+    return copy
+
+
 def error(world, T):
     """Root mean square of the keyframes' distances from the truth, m."""
     places = np.array([frame.T_world_camera[:3, 3] for frame in world.keyframes])

@@ -97,9 +97,9 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
     before, gone = None, 0
     thin = odometry.map._cull_keyframes
 
-    def watched():
+    def watched(turn):
         nonlocal gone
-        thin()
+        thin(turn)
         gone += len(odometry.map.dropped)
 
     odometry.map._cull_keyframes = watched

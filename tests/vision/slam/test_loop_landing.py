@@ -64,13 +64,14 @@ def resumed(odometry, walk):
     return other
 
 
-@pytest.mark.parametrize("when", ["a loop is being closed", "pieces are left"])
+@pytest.mark.parametrize("when", ["a loop is found", "a loop is being closed", "pieces are left"])
 def test_resumed_with_one_thread_while_something_is_under_way_it_goes_on_alike(walk, monkeypatch, when):
     monkeypatch.setattr(jobs, "PIECE", 3)
     odometry = began(walk)
     world = odometry.map
     moments = {
-        "a loop is being closed": lambda: world.loop is not None,
+        "a loop is found": lambda: world.loop is not None,
+        "a loop is being closed": lambda: odometry.mapper.is_correcting,
         "pieces are left": lambda: world.unsettled and odometry.mapper.is_adjusting,
     }
     rest = proceed(odometry, walk[0][THERE:], moments[when])

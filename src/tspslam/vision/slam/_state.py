@@ -44,6 +44,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "xyz": ("<f8", ("n", 3)),
     "landmark_id": ("<i8", ("n",)),
     "next_id": ("<i8", ()),
+    "added": ("<i8", ()),
     "merged": ("<i8", ("r", 2)),
     "descriptors": ("<u8", ("n", "d")),
     "bias": ("<f8", (2,)),
@@ -94,6 +95,7 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
         "descriptors": np.delete(map_.descriptors, gaps, axis=0),
         "landmark_id": np.delete(map_.landmark_id, gaps, axis=0),
         "next_id": np.array(map_.next_id),
+        "added": np.array(map_.added),
         "merged": map_.merged,
         **_loop_state(map_),
     }
@@ -125,7 +127,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
     last = map_.settings.references
     map_.xyz, map_.descriptors = state["xyz"], state["descriptors"]
     map_.landmark_id, map_.next_id = state["landmark_id"], int(state["next_id"])
-    map_.merged = state["merged"]
+    map_.merged, map_.added = state["merged"], int(state["added"])
     map_.unsettled = set(state["unsettled"].tolist())
     ends = np.cumsum(state["keyframe_observations"])
     map_.keyframes = []
@@ -203,6 +205,8 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "stamps fall"
     if bool(count) != bool(len(keyframes)) or (np.diff(keyframes) <= 0).any():
         yield "keyframes are not in order"
+    if not len(keyframes) <= state["added"] <= count:
+        yield "more keyframes are there than were added"
     if len(keyframes) and not (keyframes[0] >= 0 and keyframes[-1] < count):
         yield "a keyframe is no frame"
     if not np.isin(anchors, keyframes).all() or (anchors > np.arange(count)).any():
@@ -212,7 +216,7 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a frame was located against one that is not before it"
     wanted, lost, unsolved, asked, unplaced = state["counts"].tolist()
     if not (
-        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 1 and 0 <= unplaced <= lost
+        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 2 and 0 <= unplaced <= lost
     ):
         yield "a count is negative or too large"
     if max(lost, unsolved, len(state["closures"])) > count:

@@ -17,8 +17,8 @@ from ..se3 import inverse, normalised
 from ..stereo.reconstruct import Stereo
 from .back_end.adjustment_problem import collect_problem
 from .back_end.disparity_bias import DisparityBias
-from .back_end.jobs import AdjustmentJob, ClosedLoop, collect_job, copy_map, solve_loop
-from .back_end.loop_correction import note_loop, prepare
+from .back_end.jobs import AdjustmentJob, collect_job
+from .back_end.loop_correction import LoopCorrection, LoopProblem, close_loop, note_loop, prepare
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
@@ -35,8 +35,8 @@ class LocalMapper:
     """Adds keyframes to a map and keeps it adjusted.
 
     After each keyframe the last ones are adjusted in a thread, together with what they saw, held by older ones, and
-    with the offset that all disparities have in common. Where a loop was closed, a graph of all poses takes out its
-    error in the same thread; then, with each keyframe, a piece of the map is adjusted beside the last keyframes, until
+    with the offset that all disparities have in common. Where a loop was found, a graph of all poses then takes out its
+    error in the same thread; with each further keyframe a piece of the map is adjusted beside the last keyframes, until
     all that has moved is settled. Results count when they are joined, at frames that do not depend on how fast the
     thread is.
 
@@ -73,18 +73,23 @@ class LocalMapper:
         self.loops = Links.of_none()
         self._worker = Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
-        self._closing: Future[ClosedLoop | None] | None = None
+        self._closing: Future[LoopCorrection | None] | None = None
         self._is_prepared = False  # to close loops
 
     @property
     def is_adjusting(self) -> bool:
-        """Whether an adjustment is under way."""
+        """Whether an adjustment, or what closes a loop, is under way."""
         return self._asked is not None or self._closing is not None
 
     @property
-    def is_closing(self) -> bool:
-        """Whether a loop is being closed."""
+    def is_correcting(self) -> bool:
+        """Whether what closes a loop is under way."""
         return self._closing is not None
+
+    @property
+    def is_closing(self) -> bool:
+        """Whether a loop is to be closed."""
+        return self.map.loop is not None
 
     def add_keyframe(
         self, index: int, images: PreparedPair, T_world_camera: FloatArray, estimate: PoseEstimate | None,
@@ -158,23 +163,17 @@ class LocalMapper:
         self.loops = self.loops.and_one(index, *covariance_against_keyframe(map_, found, *sigma, place))
 
     def start_adjustment(self) -> None:
-        """Have the last keyframes adjusted, and a loop closed or a piece of the map that one has moved adjusted."""
-        map_, worker = self.map, self._worker
-        job = self._collect(map_)
-        asked = None if job is None else worker.submit(job.solve)
-        self._asked = None if job is None or asked is None else (job, asked)
-        self._closing = None
-        if map_.loop is not None:
-            same, uv = self._places.loops.same_landmark, self._sigma_uv
+        """Have the last keyframes adjusted, and a piece of the map that a loop has moved."""
+        job = self._collect(self.map)
+        if job is None:
+            self.start_correction()
+        else:
+            self._asked = job, self._worker.submit(job.solve)
 
-            def before(copy: Map) -> None:
-                found = asked and asked.result()
-                if job and found:
-                    job.apply(copy, found)
-
-            self._closing = worker.submit(
-                lambda copy: solve_loop(copy, before, self._collect, sigma_uv=uv, same_landmark=same), copy_map(map_)
-            )
+    def start_correction(self) -> None:
+        """Have a loop that was found closed, if there is one: until that is taken over the map stays as it is."""
+        if self.map.loop is not None:
+            self._closing = self._worker.submit(LoopProblem.of(self.map, self._sigma_uv).correct)
 
     def _collect(self, map_: Map) -> AdjustmentJob | None:
         return collect_job(map_, self._sigma_uv, self._rig, *self.bias.prior)
@@ -183,8 +182,8 @@ class LocalMapper:
     def _sigma_uv(self) -> float:
         return self._places.tracking.sigma_uv
 
-    def join(self, T_world_camera: FloatArray) -> FloatArray:
-        """Wait for what is under way, if anything, and take it over.
+    def join_adjustment(self, T_world_camera: FloatArray) -> FloatArray:
+        """Wait for the adjustment under way, if any, and take it over; then a loop that was found begins to be closed.
 
         Parameters
         ----------
@@ -196,17 +195,34 @@ class LocalMapper:
         (4, 4) float64
             The same, moved with the last keyframe.
         """
-        if not self.is_adjusting:
+        if self._asked is None:
             return T_world_camera
-        (asked, self._asked), (closing, self._closing) = (self._asked, None), (self._closing, None)
+        (job, found), self._asked = self._asked, None
         before = self.map.keyframes[-1].T_world_camera
-        if closing is not None:
-            closing.result()  # it has the offset of the disparities as it was
-        if asked is not None:
-            self._take_over(asked[0], asked[1].result())
-        if closing is not None:
-            self._take_over_loop(closing.result())
+        self._take_over(job, found.result())
+        self.start_correction()
         return self._moved(T_world_camera, before)
+
+    def join(self, T_world_camera: FloatArray) -> FloatArray:
+        """Wait for what is under way, if anything, and take it over; a loop that was found is then closed.
+
+        Parameters
+        ----------
+        T_world_camera : (4, 4) float64
+            The camera's pose.
+
+        Returns
+        -------
+        (4, 4) float64
+            The same, moved with the last keyframe.
+        """
+        T = self.join_adjustment(T_world_camera)
+        if self._closing is None:
+            return T
+        closing, self._closing = self._closing, None
+        before = self.map.keyframes[-1].T_world_camera
+        self._take_over_loop(closing.result())
+        return self._moved(T, before)
 
     def _take_over(self, job: AdjustmentJob, found: Adjustment | None) -> None:
         """Take over an adjustment; where what was seen does not fix the keyframes, they stay."""
@@ -225,13 +241,13 @@ class LocalMapper:
         map_.rig = self.bias.correct(self._rig)
         follow_offset(map_, np.searchsorted(map_.landmark_id, job.problem.landmark_id), rig)
 
-    def _take_over_loop(self, closed: ClosedLoop | None) -> None:
+    def _take_over_loop(self, found: LoopCorrection | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""
-        if closed is None:
+        if found is None:
             self.map.loop = None
             self.unsolved += 1
         else:
-            closed.apply(self.map, self._places.loops.same_landmark)
+            close_loop(self.map, found, self._places.loops.same_landmark)
 
     def finish(self, T_world_camera: FloatArray) -> FloatArray:
         """Take over what is under way, then adjust all keyframes but the first: at once, or piece by piece if many.

@@ -32,7 +32,9 @@ from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
-_CLOSED = 6  # the same where a loop is being closed: 0.6 s at 10 Hz, enough for the graph of 5 000 keyframes
+_CLOSED = 6  # the same of a loop, which is closed after it: 0.4 s at 10 Hz, enough for the graph of 5 000 keyframes
+_CORRECTING = 2  # in a state's counts: a loop is being closed; 1: an adjustment is under way
+_LATE = 0.5  # of the landmarks that a keyframe is wanted at, those at which it does not wait for a loop any more
 
 
 @dataclass(frozen=True)
@@ -241,8 +243,9 @@ class StereoOdometry:
         images, watch, path = prepare(pair), Stopwatch(), self.path
         estimate = None
         if self.map.keyframes:
-            if len(path) >= self.map.keyframes[-1].index + (_CLOSED if self.mapper.is_closing else _JOINED):
-                path.pose = self.mapper.join(path.pose)
+            since = len(path) - self.map.keyframes[-1].index
+            if since >= _JOINED:
+                path.pose = (self.mapper.join if since >= _CLOSED else self.mapper.join_adjustment)(path.pose)
             watch.lap("wait")
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
@@ -295,7 +298,8 @@ class StereoOdometry:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
             return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
-        return self.path.was_lost or len(estimate) < self.tracking.keyframe_share * self.mapper.expected
+        least = self.tracking.keyframe_share * self.mapper.expected * (_LATE if self.mapper.is_closing else 1)
+        return self.path.was_lost or len(estimate) < least
 
     def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
         """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
@@ -364,7 +368,7 @@ class StereoOdometry:
             As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
-        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting, path.unplaced
+        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting + mapper.is_correcting, path.unplaced
         state = map_state(self.map) | {
             "stamps": path.stamps,
             "anchors": path.anchors,
@@ -404,13 +408,13 @@ class StereoOdometry:
         path, mapper = self.path, self.mapper
         path.restore(*(state[name] for name in ("stamps", "anchors", "anchored", "links", "linked")))
         path.pose, path.motion = state["poses"]
-        mapper.expected, path.lost, mapper.unsolved, was_adjusting, path.unplaced = state["counts"].tolist()
+        mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         mapper.loops = Links(*state["loops"].T.copy(), state["looped"])
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
-        if was_adjusting:  # what was under way began from this very map
-            mapper.start_adjustment()
+        if was_under_way:  # what was under way began from this very map
+            (mapper.start_correction if was_under_way == _CORRECTING else mapper.start_adjustment)()
 
     def _check_descriptors(self, image_of: Callable[[int], Image]) -> None:
         """Refuse landmarks whose descriptors are not as long as those of the detector's features."""

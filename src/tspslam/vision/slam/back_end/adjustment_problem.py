@@ -91,8 +91,8 @@ class AdjustmentProblem(Brief):
         rows = np.searchsorted(map_.landmark_id, self.landmark_id)
         map_.apply(rows, found, self.inliers(found, outlier))
 
-    def inliers(self, found: Adjustment, outlier: float) -> dict[int, tuple[int, BoolArray]]:
-        """Tell which observations of each keyframe stay.
+    def inliers(self, found: Adjustment, outlier: float) -> dict[int, tuple[int | None, BoolArray]]:
+        """Tell which observations stay, of each keyframe that moves or loses some.
 
         Parameters
         ----------
@@ -103,14 +103,14 @@ class AdjustmentProblem(Brief):
 
         Returns
         -------
-        dict of int to (int, (K,) bool)
-            By the number of each frame: its row in the adjustment, and which of its observations stay.
+        dict of int to (int or None, (K,) bool)
+            By the number of each frame: its row in the adjustment, None if it was held; which observations stay.
         """
         ends = np.cumsum([len(frame.landmark) for frame in self.frames])
         good = np.ones(ends[-1], np.bool_)
         good[self.used[found.distance > outlier]] = False
-        parts = np.split(good, ends[:-1])
-        return {frame.index: (k, part) for k, (frame, part) in enumerate(zip(self.frames, parts, strict=True))}
+        parts = enumerate(zip(self.frames, self.fixed, np.split(good, ends[:-1]), strict=True))
+        return {f.index: (None if held else k, part) for k, (f, held, part) in parts if not (held and part.all())}
 
 
 def window_of(map_: Map) -> list[int]:

@@ -1,17 +1,15 @@
-"""What is done beside the tracking: the last keyframes are adjusted; a loop is closed on a copy of the map."""
+"""What is adjusted beside the tracking: the last keyframes, and a piece of what a loop has moved."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...._brief import Brief
 from ....errors import GeometryError
-from ....types import FloatArray, Rig
+from ....types import Rig
 from ..keyframes.map import Map
 from ..least_squares.bundle import Adjustment
 from .adjustment_problem import AdjustmentProblem, choose_piece, collect_problem, window_of
-from .loop_correction import LoopProblem, close_loop
 from .sweeping import PIECE
 
 
@@ -67,92 +65,6 @@ class AdjustmentJob(Brief):
         """
         self.problem.apply(map_, found, self.outlier)
         map_.unsettled.difference_update(self.problem.moving)
-
-
-@dataclass(frozen=True, repr=False)
-class ClosedLoop(Brief):
-    """What closes a loop.
-
-    Attributes
-    ----------
-    motions : (K, 4, 4) float64
-        How each keyframe moves.
-    job : AdjustmentJob or None
-        The adjustment that followed, of the last keyframes and of what is nearest to them.
-    found : Adjustment or None
-        What it found.
-    """
-
-    motions: FloatArray
-    job: AdjustmentJob | None
-    found: Adjustment | None
-
-    def apply(self, map_: Map, same_landmark: float) -> None:
-        """Close the loop of a map.
-
-        Parameters
-        ----------
-        map_ : Map
-            That of which a copy was closed; changed.
-        same_landmark : float
-            Distance of two observations, in u, v and disparity, of one landmark, px.
-        """
-        close_loop(map_, self.motions, same_landmark)
-        if self.job is not None and self.found is not None:
-            self.job.apply(map_, self.found)
-
-
-def solve_loop(
-    copy: Map, before: Callable[[Map], None], prepare: Callable[[Map], AdjustmentJob | None], *,
-    sigma_uv: float, same_landmark: float,
-) -> ClosedLoop | None:  # fmt: skip
-    """Close the loop of a copy of a map, and adjust what is near; may be called in another thread.
-
-    Parameters
-    ----------
-    copy : Map
-        As `copy_map` made it; changed.
-    before : callable
-        Brings the copy to where the map will be when the loop is closed.
-    prepare : callable
-        Makes the adjustment that follows.
-    sigma_uv : float
-        Standard deviation of a tracked point, px.
-    same_landmark : float
-        Distance of two observations, in u, v and disparity, of one landmark, px.
-
-    Returns
-    -------
-    ClosedLoop or None
-        None if the graph of the poses has no solution.
-    """
-    copy.note_sightings()
-    before(copy)
-    try:
-        motions = LoopProblem.of(copy, sigma_uv).solve()
-    except GeometryError:
-        return None
-    close_loop(copy, motions, same_landmark)
-    job = prepare(copy)
-    return ClosedLoop(motions, job, None if job is None else job.solve())
-
-
-def copy_map(map_: Map) -> Map:
-    """Copy what an adjustment changes of a map: keyframes and landmarks; who sees what is not noted yet.
-
-    Parameters
-    ----------
-    map_ : Map
-        Keyframes and landmarks.
-
-    Returns
-    -------
-    Map
-    """
-    copy = Map(map_.rig, window=map_.window, settings=map_.settings)
-    copy.keyframes, copy.xyz, copy.landmark_id = list(map_.keyframes), map_.xyz, map_.landmark_id
-    copy.merged, copy.loop, copy.unsettled = map_.merged, map_.loop, set(map_.unsettled)
-    return copy
 
 
 def collect_job(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...._brief import Brief
+from ....errors import GeometryError
 from ....types import FloatArray, Rig
 from ...se3 import inverse, normalised
 from ..keyframes.keyframe import Keyframe
@@ -24,6 +25,25 @@ _LOOSE = np.diag([1.0] * 3 + [1e-2] * 3)  # 1 rad, 10 m
 _GUESSED = np.diag([1e-2] * 3 + [1e-6] * 3)  # of a step that was guessed: 10 rad, 1 km
 _MAX_STEPS = 20  # five times what a loop of 6 km with 60 m of error took
 _HUBER = 2.5  # standard deviations, as in `adjust`
+
+
+@dataclass(frozen=True, repr=False)
+class LoopCorrection(Brief):
+    """A map of which a loop is closed.
+
+    Attributes
+    ----------
+    frames : list of Keyframe
+        K keyframes, moved.
+    xyz : (M, 3) float64
+        Landmarks, each moved with the keyframe that first saw it, m.
+    unsettled : set of int
+        Numbers of the frames whose sights have moved: they are to be adjusted.
+    """
+
+    frames: list[Keyframe]
+    xyz: FloatArray
+    unsettled: set[int]
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,32 +111,72 @@ class LoopProblem(Brief):
         found = optimise_poses(T, edges, max_steps=_MAX_STEPS)
         return normalised(found.T_world @ inverse(T))
 
+    def correct(self) -> LoopCorrection | None:
+        """Close the loop; may be called in another thread while the map stays as it is.
+
+        Returns
+        -------
+        LoopCorrection or None
+            None if the graph of the poses has no solution.
+        """
+        try:
+            return self.moved(self.solve())
+        except GeometryError:
+            return None
+
+    def moved(self, motions: FloatArray) -> LoopCorrection:
+        """Move the keyframes, and each landmark with the one that first saw it.
+
+        Parameters
+        ----------
+        motions : (K, 4, 4) float64
+            As `solve` gave them.
+
+        Returns
+        -------
+        LoopCorrection
+        """
+        frames, older = list(self.frames), _older_place(self.frames, self.loop, len(self.xyz))
+        landmark = np.concatenate([frame.landmark for frame in reversed(frames)])
+        first_seen = np.zeros(len(self.xyz), np.int64)
+        first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
+        move = motions[first_seen]
+        xyz = np.einsum("mij,mj->mi", move[:, :3, :3], self.xyz) + move[:, :3, 3]
+        poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
+        for k in range(1, len(frames)):
+            frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
+        return LoopCorrection(frames, xyz, {frame.index for frame in frames[1:]})
+
     def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""
         i, j, shared = _sharing(self.frames, len(self.xyz))
         share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
-        own = np.stack([self._information(*pair) for pair in zip(self.frames, T, strict=True)])
-        information = share[:, None, None] * own[j] + _LOOSE
+        information = share[:, None, None] * self._informations(self.frames, T)[j] + _LOOSE
         is_guess = np.array([frame.is_start for frame in self.frames])[j] & (j == i + 1)
         information[is_guess] = _GUESSED
         return i, j, information
 
-    def _information(self, frame: Keyframe, T: FloatArray) -> FloatArray:
-        """What the sights of a keyframe at T tell of its pose, (6, 6), in its own frame."""
+    def _informations(self, frames: Sequence[Keyframe], T: FloatArray) -> FloatArray:
+        """What the sights of keyframes at T tell of their poses, (K, 6, 6), each in its own frame."""
         from ..least_squares._kernels import pose_equations
 
-        T_camera_world, S = inverse(T), np.empty((6, 6))
-        R, t = T_camera_world[:3, :3].copy(), T_camera_world[:3, 3].copy()
-        seen, weights = np.column_stack([frame.uv, frame.disparity]), np.empty((len(frame.uv), 2))
-        weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, frame.sigma**-2.0
-        pose_equations(lens_of(self.rig), R, t, self.xyz[frame.landmark], seen, weights, _HUBER, S, np.empty(6))
+        lens, T_camera_world, S = lens_of(self.rig), inverse(T), np.empty((len(frames), 6, 6))
+        R, t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
+        landmark, uv, disparity, sigma = (
+            np.concatenate([getattr(f, name) for f in frames]) for name in ("landmark", "uv", "disparity", "sigma")
+        )
+        xyz, seen, weights = self.xyz[landmark], np.column_stack([uv, disparity]), np.empty((len(uv), 2))
+        weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, sigma**-2.0
+        ends = np.cumsum([0, *(len(frame.landmark) for frame in frames)]).tolist()
+        for k, rows in enumerate(map(slice, ends, ends[1:])):
+            pose_equations(lens, R[k], t[k], xyz[rows], seen[rows], weights[rows], _HUBER, S[k], np.empty(6))
         return S
 
     def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """The older keyframe, where the last one is seen from there, and the information."""
         loop = self.loop
         older = _older_place(self.frames, loop, len(self.xyz))
-        information = self._information(loop, loop.T_world_camera) + _LOOSE
+        information = self._informations([loop], loop.T_world_camera[None])[0] + _LOOSE
         return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
 
 
@@ -179,29 +239,20 @@ def _seen_again(map_: Map) -> Keyframe:
     return replace(loop, landmark=at[kept], **columns)
 
 
-def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
-    """Move the keyframes, and each landmark with the one that first saw it; join what the last one sees of both ends.
+def close_loop(map_: Map, correction: LoopCorrection, same_landmark: float) -> None:
+    """Put what a loop has moved in its place, and join what the last keyframe sees of both ends.
 
     Parameters
     ----------
     map_ : Map
-        Changed; its `loop` is closed, and its keyframes are not settled.
-    motions : (K, 4, 4) float64
-        As `LoopProblem.solve` gave them.
+        That of the `LoopProblem`, as it was then; changed: its `loop` is closed, and keyframes are not settled.
+    correction : LoopCorrection
+        What that gave.
     same_landmark : float
         Distance of two observations, in u, v and disparity, of one landmark, px.
     """
-    frames, loop = map_.keyframes, _seen_again(map_)
-    landmark = np.concatenate([frame.landmark for frame in reversed(frames)])
-    first_seen = np.zeros(len(map_.xyz), np.int64)
-    first_seen[landmark] = np.repeat(np.arange(len(frames))[::-1], [len(f.landmark) for f in reversed(frames)])
-    moved, older = motions[first_seen], _older_place(frames, loop, len(map_.xyz))
-    map_.xyz = np.einsum("mij,mj->mi", moved[:, :3, :3], map_.xyz) + moved[:, :3, 3]
-    poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
-    for k in range(1, len(frames)):
-        frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
-    map_.unsettled = {frame.index for frame in frames[1:]}
-    map_.loop = None
+    loop = _seen_again(map_)
+    map_.keyframes, map_.xyz, map_.unsettled, map_.loop = correction.frames, correction.xyz, correction.unsettled, None
     _join_sights(map_, loop, same_landmark)
 
 

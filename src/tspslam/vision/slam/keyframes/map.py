@@ -27,6 +27,7 @@ from .sightings import Sightings
 
 _NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
 _index_of = attrgetter("index")
+_SELDOM = 3  # times `cull_every`: keyframes until one is looked at again that others have come back to
 _GAPS = 0.1  # share of the rows from a gap to the end that are gaps, from which these rows move up: 10 moves for each
 
 
@@ -56,6 +57,8 @@ class Map:
         Rows, ascending, of landmarks that were culled.
     next_id : int
         Number of the next landmark.
+    added : int
+        Keyframes so far, culled ones included.
     loop : Keyframe or None
         The last keyframe as older landmarks, by their numbers, have it, while a loop is being closed.
     unsettled : set of int
@@ -71,7 +74,7 @@ class Map:
         self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
-        self.gaps, self.next_id = np.empty(0, np.int64), 0
+        self.gaps, self.next_id, self.added = np.empty(0, np.int64), 0, 0
         self.loop: Keyframe | None = None
         self.unsettled: set[int] = set()
         self.dropped: list[tuple[int, int, FloatArray]] = []
@@ -191,6 +194,11 @@ class Map:
         """
         return [self._place(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
 
+    @property
+    def sightings(self) -> Sightings:
+        """Which keyframes see each landmark."""
+        return self._sightings
+
     def view_counts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Count the keyframes that see landmarks.
 
@@ -269,6 +277,7 @@ class Map:
         is_start = bool(self.keyframes) and estimate is None
         self.keyframes.append(Keyframe(index, T, images[0], landmark, uv, disparity, spread(uv), is_start))
         self.images.add(index, images[1])
+        self.added += 1
         self._sightings.cover(len(self.xyz))
         self._sightings.add(landmark, index)
         self._doubtful.append(landmark[len(old.landmark) :])
@@ -286,13 +295,13 @@ class Map:
         return rows
 
     def _tidy(self) -> None:
-        """Forget images that are not looked for; now and then, landmarks and keyframes that are of no use."""
+        """Forget images that are not looked for; now and then landmarks, by turns keyframes, that are of no use."""
         last = self.settings.references
         if len(self.keyframes) > last:
             self._change(-last - 1, image=None)
-        if len(self.keyframes) % self.settings.cull_every == 0:
+        if self.added % self.settings.cull_every == 0:
             self._cull_landmarks()
-            self._cull_keyframes()
+        self._cull_keyframes(self.added)
 
     def _change(self, place: int, **changes: Any) -> None:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
@@ -340,14 +349,17 @@ class Map:
             column.keep(first, kept)
         self.gaps = self.gaps[:place]
 
-    def _cull_keyframes(self) -> None:
+    def _cull_keyframes(self, turn: int | None = None) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
 
         A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
-        looks from about there at the same: each place keeps a bounded number.
+        looks from about there at the same: each place keeps a bounded number. All are looked at, or only those whose
+        turn it is: then no keyframe that is added pays for many.
         """
         frames, gone = self.keyframes, list[int]()
         for k in self._seen_by_the_window():
+            if turn is not None and not self._is_due(k, turn):
+                continue
             other = None if k == 0 or frames[k].is_start else self._replacement(k, gone)
             if other is not None:
                 gone.append(k)
@@ -358,6 +370,12 @@ class Map:
                 self.images.drop(frames[k].index)
         for k in reversed(gone):
             del self.keyframes[k]
+
+    def _is_due(self, k: int, turn: int) -> bool:
+        """Whether it is a keyframe's turn: once in `cull_every` as it leaves the window, later more seldom."""
+        every = self.settings.cull_every
+        every *= 1 if k >= len(self.keyframes) - self.window - 2 * every else _SELDOM
+        return (self.keyframes[k].index - turn) % every == 0
 
     def _seen_by_the_window(self) -> list[int]:
         """Keyframes before the window that see a landmark of it: others have not changed."""
@@ -420,7 +438,9 @@ class Map:
         self._change(place, **{n: np.concatenate([getattr(own, n), getattr(again, n)[new]]) for n in _NOTHING})
         self._sightings.add(again.landmark[new], own.index)
 
-    def apply(self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int, BoolArray]]) -> None:
+    def apply(
+        self, rows: NDArray[np.int64], found: Adjustment, keyframes: Mapping[int, tuple[int | None, BoolArray]]
+    ) -> None:
         """Take over poses and landmarks of an adjustment, and drop outliers.
 
         Parameters
@@ -429,8 +449,8 @@ class Map:
             Landmarks that were adjusted.
         found : Adjustment
             Their places, and the poses of the keyframes.
-        keyframes : dict of int to (int, (K,) bool)
-            For the number of each frame: its row in the adjustment, and which of its observations stay.
+        keyframes : dict of int to (int or None, (K,) bool)
+            For the number of each frame: its row in the adjustment, None if it was held; which observations stay.
         """
         self.xyz[rows] = found.xyz
         outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
@@ -440,7 +460,7 @@ class Map:
                 continue
             gone = self.keyframes[k].landmark[~kept]
             outliers.append((gone, np.full(len(gone), index)))
-            self._keep(k, kept, T_world_camera=found.T_world_camera[row])
+            self._keep(k, kept, **({} if row is None else {"T_world_camera": found.T_world_camera[row]}))
         landmark, frame = (np.concatenate(parts) for parts in zip(*outliers, strict=True))
         self._sightings.drop(landmark, frame)
         self._doubtful.append(landmark)

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...._settings import Checked, setting
 from ....types import BoolArray, FloatArray
@@ -53,6 +54,8 @@ class LoopSettings(Checked, what="tracking.loops"):
         Angle between the viewing directions of the two.
     known_share : float
         Share of a keyframe's landmarks that are tracked already, from which it is not looked at.
+    held_share : float
+        Share of the tracked landmarks that keyframes before the window see, from which no place is looked for.
     min_landmarks : int
         Landmarks that prove a place.
     sure_landmarks : int
@@ -94,6 +97,7 @@ class LoopSettings(Checked, what="tracking.loops"):
     drift_slack: float = setting(0.02, 0, 1, unit="m per m of depth", source="by hand; half, twice: same paths")
     max_angle: float = setting(40.0, 0, 180, unit="degrees", source="by hand; half, twice: same paths")
     known_share: float = setting(0.3, 0, 1, unit="", source="by hand; corridor 0.15: 1.7, 0.6: 1.5 mm (1.5)")
+    held_share: float = setting(0.5, 0, 1, unit="", source="by hand; town along KITTI 06 ...")
     min_landmarks: int = setting(
         30, 4, 10_000, unit="landmarks", source="twice what a pose needs; half, twice: same paths"
     )
@@ -197,6 +201,8 @@ class PlaceRecognition:
     ) -> LoopClosure | None:
         """Find landmarks of an older keyframe that a camera sees again; None if there are none, or they are tracked.
 
+        A camera half of whose landmarks older keyframes see needs none: where it is in the old map is known. Where
+        fewer tell that, others are looked for at the places where they should be, without descriptors.
         Keyframes near the camera are tried, then those that look like what it shows, wherever they are. A place is not
         believed if it is farther from the camera than the path may have drifted. Nor is one away from where the camera
         was thought to be, unless the keyframe before is there too, or very many landmarks are.
@@ -216,18 +222,43 @@ class PlaceRecognition:
         -------
         LoopClosure or None
         """
+        held = self.held_share(estimate.landmark)
+        if held >= self.loops.held_share:
+            return None
         tracked = np.zeros(len(self.map_.xyz), np.bool_)
         tracked[estimate.landmark] = True
         near = self.places_near(estimate, tracked)
+        keypoints = None if held >= self.loops.known_share else (uv, descriptors)
         for place, slack in near:
-            found = self._find_again(image, estimate, tracked, place, (uv, descriptors), is_near=True)
+            found = self._find_again(image, estimate, tracked, place, keypoints, is_near=True)
             if found is not None and self._is_believed(found, estimate, place, slack):
                 return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
+        if keypoints is None:
+            return None
         for place, slack in self.places_alike(estimate, tracked, descriptors, [place for place, _ in near]):
-            found = self._find_again(image, estimate, tracked, place, (uv, descriptors), is_near=False)
+            found = self._find_again(image, estimate, tracked, place, keypoints, is_near=False)
             if found is not None and self._is_believed(found, estimate, place, slack):
                 return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
         return None
+
+    def held_share(self, landmark: NDArray[np.int64]) -> float:
+        """Tell how well the older part of the map holds a camera.
+
+        Parameters
+        ----------
+        landmark : (K,) int64
+            Landmarks that it tracks.
+
+        Returns
+        -------
+        float
+            Share of them that keyframes before the window see.
+        """
+        if len(self.map_.keyframes) <= self.map_.window or not len(landmark):
+            return 0.0
+        at, frame = self.map_.sightings.of(landmark)
+        is_older = frame < self.map_.keyframes[-self.map_.window].index
+        return len(np.unique(at[is_older])) / len(landmark)
 
     def merge_observations(
         self, again: PoseEstimate, estimate: PoseEstimate, spread: Callable[[FloatArray], FloatArray]
@@ -282,7 +313,7 @@ class PlaceRecognition:
         near = np.isfinite(slack) & (away <= loops.max_distance * depth + slack) & looks_alike
         near[:start] = False
         order = np.flatnonzero(near)[np.argsort(away[near], kind="stable")].tolist()
-        left = (k for k in order if self._is_left(k, tracked))
+        left = (k for k in order if self._is_left(k, tracked) and self._is_in_view(k, T, tracked))
         return [(k, float(slack[k])) for k in islice(left, loops.candidates)]
 
     def places_alike(
@@ -340,6 +371,14 @@ class PlaceRecognition:
             return False
         return bool(tracked[frame.landmark].mean() < self.loops.known_share)
 
+    def _is_in_view(self, place: int, T: FloatArray, tracked: BoolArray) -> bool:
+        """Whether a camera at T should see enough of a keyframe's landmarks that it does not track."""
+        rows = self.map_.keyframes[place].landmark
+        points = (self.map_.xyz[rows[~tracked[rows]]] - T[:3, 3]) @ T[:3, :3]
+        points = points[points[:, 2] > self.tracking.min_depth]
+        inside = np.abs(project(self.map_.rig, points) / (self.map_.rig.width, self.map_.rig.height) - 0.5) < 0.5
+        return bool(inside.all(axis=1).sum() >= self.loops.min_landmarks)
+
     def _group(self, place: int) -> list[Keyframe]:
         """A keyframe and those that see most of its landmarks."""
         others = sorted(self.map_.covisible(place), key=lambda one: (-one[1], one[0]))
@@ -348,19 +387,28 @@ class PlaceRecognition:
 
     def _find_again(
         self, image: Pyramid, estimate: PoseEstimate, tracked: BoolArray, place: int,
-        keypoints: tuple[FloatArray, Descriptors], *, is_near: bool,
+        keypoints: tuple[FloatArray, Descriptors] | None, *, is_near: bool,
     ) -> PoseEstimate | None:  # fmt: skip
-        """Landmarks about a keyframe that an image shows, by descriptors, then patches; without those that are tracked.
+        """Landmarks about a keyframe that an image shows, by patches; without those that are tracked.
 
-        Where descriptors give no pose, the camera's own is tried if that is near.
+        Where the keyframe is near, they are looked for from the camera's own pose first: where the path has not drifted
+        they are there. Else descriptors tell where from.
         """
-        map_, frames = self.map_, self._group(place)
+        frames, found = self._group(place), None
+        references = self._references_to(frames, ~tracked)
+        if is_near:
+            found = self._track(image, references, estimate.T_world_camera)
+            if found is not None or keypoints is None:
+                return found
+        assert keypoints is not None
         T = self._solve_pnp(frames, *keypoints)
-        if T is None and is_near:
-            T = estimate.T_world_camera
-        if T is None or not (references := self._references_to(frames, ~tracked)):
+        return None if T is None else self._track(image, references, T)
+
+    def _track(self, image: Pyramid, references: list[Reference], T: FloatArray) -> PoseEstimate | None:
+        """Landmarks of older keyframes that an image taken at about T shows, if they prove the place."""
+        if not references:
             return None
-        found = track_pose(map_.rig, image, references, map_.xyz, T, self.tracking)
+        found = track_pose(self.map_.rig, image, references, self.map_.xyz, T, self.tracking)
         is_enough = found is not None and len(found) >= self.loops.min_landmarks
         return found if found is not None and is_enough and found.share >= self.tracking.relocalized_share else None
 
