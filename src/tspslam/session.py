@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property
 from threading import RLock
 from typing import Any, Protocol, TypeVar
@@ -14,12 +14,13 @@ import numpy as np
 
 from ._checks import require, told
 from ._threads import Worker
-from .errors import InputError
+from .errors import InputError, TspSlamError
 from .frame import Frame, Once
 from .settings import Settings as Settings
 from .topology.complex import build_complex
 from .topology.texture import sample_signals
 from .types import Response, Rig, StereoPair, Surface, Trajectory
+from .vision.images import PreparedPair, prepare
 from .vision.rig import require_baseline
 from .vision.slam.keyframes.keyframe import MapSnapshot
 from .vision.slam.odometry import StereoOdometry
@@ -150,6 +151,40 @@ class Session:
         """Poses of all frames so far, refined by all that was seen since; `finish` makes them final."""
         return self.odometry.trajectory
 
+    def prepare(self, pair: StereoPair) -> StereoPair:
+        """Make ready what a pair needs from no other: another thread may do that while the last one is processed.
+
+        `process` takes what this gives as it is; results are the same.
+
+        Parameters
+        ----------
+        pair : StereoPair
+            Of this session's rig.
+
+        Returns
+        -------
+        StereoPair
+            With images of its own, smoothed planes and a pyramid. What is wrong with the pair is left to `process`.
+
+        Examples
+        --------
+        >>> from tspslam import datasets
+        >>> pair = datasets.motorcycle()
+        >>> with Session(pair.rig) as session:
+        ...     frame = session.process(session.prepare(pair))
+        >>> frame.is_keyframe
+        True
+        """
+        require(pair, StereoPair, "pair")
+        if pair.rig != self.rig or not isinstance(self.odometry, StereoOdometry):
+            return pair
+        try:
+            ready = prepare(_own(pair))
+        except TspSlamError:
+            return pair
+        ready.fill()
+        return ready
+
     def process(self, pair: StereoPair) -> Frame:
         """From the next pair of images to its pose and, at keyframes, to the harmonic response at every point.
 
@@ -180,10 +215,11 @@ class Session:
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
-        pair = _own(pair)
+        if not isinstance(pair, PreparedPair):
+            pair = _own(pair)
         tracked = self.odometry.process(pair)
         require(tracked, Tracked, "odometry: result")
-        frame = _build_frame(pair, tracked, self.settings)
+        frame = _build_frame(_plain(pair), tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
             self._wait()  # so that no more than one frame waits
             self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
@@ -256,6 +292,11 @@ def _own(pair: StereoPair) -> StereoPair:
     """The pair with images of its own, where a camera may write the next ones into these."""
     images = {name: getattr(pair, name) for name in ("left", "right", "disparity", "sigma", "valid")}
     return replace(pair, **{n: image.copy() for n, image in images.items() if _may_change(image)})
+
+
+def _plain(pair: StereoPair) -> StereoPair:
+    """The pair without what was made of its images, which a frame need not hold."""
+    return StereoPair(**{each.name: getattr(pair, each.name) for each in fields(StereoPair)})
 
 
 def _may_change(image: object) -> bool:

@@ -39,6 +39,7 @@ from .record import (
 )
 
 OnFrame = Callable[[Frame], object]
+_Arrived = tuple[StereoPair | InputError, str]  # a pair, or why it cannot be read; hash of what it is made from
 STATE_NAME = "state.npz"
 _MADE_BY = f"tspslam {__version__}, state 7".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
@@ -200,8 +201,8 @@ class SequenceRun:
         is_growing = isinstance(self.source, GrowingSource)
         coming = self._arriving() if is_growing else self._read(self.wanted[len(self.rows) :])
         with Worker() as self._writer:
-            for index, pair in coming:
-                frame = self._process(index, pair)
+            for index, (pair, key) in coming:
+                frame = self._process(index, pair, key)
                 if frame is not None and on_frame is not None:
                     on_frame(frame)
                 self._finish_saving(is_urgent=False)
@@ -216,8 +217,8 @@ class SequenceRun:
                 self._save()
                 self._finish_writing()
 
-    def _arriving(self) -> Iterator[tuple[int, StereoPair | InputError]]:
-        """Pairs as they come, or why they cannot be read; the wanted ones grow with them."""
+    def _arriving(self) -> Iterator[tuple[int, _Arrived]]:
+        """Pairs as they come; the wanted ones grow with them."""
         with Worker() as reader:
             coming = reader.submit(self._next, 0)
             for index in itertools.count():
@@ -228,22 +229,28 @@ class SequenceRun:
                 coming = reader.submit(self._next, index + 1)
                 yield index, pair
 
-    def _next(self, index: int) -> StereoPair | InputError | None:
+    def _next(self, index: int) -> _Arrived | None:
         """Wait for a pair; None if there is no further one."""
         assert isinstance(self.source, GrowingSource)
-        return self._one(index) if self.source.wait_for(index) else None
+        return self._ready(index) if self.source.wait_for(index) else None
 
-    def _read(self, wanted: range) -> Iterator[tuple[int, StereoPair | InputError]]:
-        """Pairs, or why they cannot be read."""
+    def _read(self, wanted: range) -> Iterator[tuple[int, _Arrived]]:
+        """Pairs, each made ready while the one before is processed."""
         if not wanted:
             return
         with Worker() as reader:
-            coming = reader.submit(self._one, wanted[0])
+            coming = reader.submit(self._ready, wanted[0])
             for index, following in itertools.zip_longest(wanted, wanted[1:]):
                 pair = coming.result()
                 if following is not None:
-                    coming = reader.submit(self._one, following)
+                    coming = reader.submit(self._ready, following)
                 yield index, pair
+
+    def _ready(self, index: int) -> _Arrived:
+        """One pair made ready for the session, or why it cannot be read; and the hash of it."""
+        pair = self._one(index)
+        key = _input_hash(pair, self.session)
+        return (pair if isinstance(pair, InputError) else self.session.prepare(pair)), key
 
     def _one(self, index: int) -> StereoPair | InputError:
         """One pair, numbered by its place, after which its files are named; or why it cannot be read."""
@@ -254,9 +261,8 @@ class SequenceRun:
             return error
         return pair if pair.index == index else replace(pair, index=index)
 
-    def _process(self, index: int, pair: StereoPair | InputError) -> Frame | None:
+    def _process(self, index: int, pair: StereoPair | InputError, key: str) -> Frame | None:
         """Add the row of one pair; its frame goes to the folder if it carries a complex."""
-        key = _input_hash(pair, self.session)
         try:
             if isinstance(pair, InputError):
                 raise pair

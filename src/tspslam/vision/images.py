@@ -280,6 +280,12 @@ class PreparedPair(StereoPair):
         """The right image."""
         return PreparedImage(self.right, self.usable)
 
+    def fill(self) -> None:
+        """Make now what every frame needs: the planes and the pyramid that landmarks are looked for in."""
+        _ = self.left_image.pyramid
+        if self.disparity is None:
+            _ = self.right_image.smooth
+
 
 def prepare(pair: StereoPair) -> PreparedPair:
     """Check a pair, and give it a place for the forms of its images that stages share.
