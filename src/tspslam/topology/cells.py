@@ -71,6 +71,13 @@ class CellComplex(Complex):
         return Boundary(self.face_edges.start, self.face_edges.items, sign)
 
     @cached_property
+    def vertex_rows(self) -> Rows:
+        """η_p as a CSR pattern."""
+        from . import _cells
+
+        return Rows(*_cells.vertex_neighbours(self.n, self.edges))
+
+    @cached_property
     def face_rows(self) -> Rows:
         """η_f as a CSR pattern."""
         from . import _cells
@@ -83,6 +90,19 @@ class CellComplex(Complex):
         from . import _cells
 
         return Rows(*_cells.edges_of_cells_at_vertices(self.face_rows, self.boundary[:2], len(self.edges)))
+
+    @cached_property
+    def stars(self) -> Rows:
+        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+        from . import _cells
+
+        first = (0, self.n, self.n + len(self.edges))
+        rows = tuple(self.vertex_rows), tuple(self.edge_rows), tuple(self.face_rows)  # of one type with those of others
+        return Rows(*_cells.join_rows(*rows, first))
+
+    def _level(self, level: int) -> Rows:
+        start, rows = (self.vertex_rows, self.edge_rows, self.face_rows)[level]
+        return Rows(start.copy(), rows.copy())
 
 
 def build_cells(cells: Sequence[ArrayLike], n: int | None = None, edges: ArrayLike | None = None) -> CellComplex:

@@ -140,32 +140,45 @@ class Complex(Brief):
     @cached_property
     def vertex_rows(self) -> Rows:
         """η_p as a CSR pattern."""
-        from . import _kernels
-
-        return Rows(*_kernels.vertex_neighbours(self.n, self.edges))
+        return self._level(0)
 
     @cached_property
     def face_rows(self) -> Rows:
         """η_f as a CSR pattern."""
-        from . import _kernels
-
-        return Rows(*_kernels.face_neighbours(self.n, self.faces))
+        return self._level(2)
 
     @cached_property
     def edge_rows(self) -> Rows:
         """η_e as a CSR pattern."""
-        from . import _kernels
+        return self._level(1)
 
-        return Rows(*_kernels.edge_neighbours(self.n, self.edges, self.faces, self.face_edges))
+    @cached_property
+    def has_face(self) -> NDArray[np.bool_]:
+        """Whether each edge has a face."""
+        from . import _stars
+
+        marked = np.zeros(len(self.edges), bool)
+        _stars.mark_edges(self.face_edges, marked)
+        return marked
 
     @cached_property
     def stars(self) -> Rows:
         """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
-        from . import _kernels
+        from . import _construction
 
-        first = (0, self.n, self.n + len(self.edges))
-        rows = tuple(self.vertex_rows), tuple(self.edge_rows), tuple(self.face_rows)  # of one type with those of others
-        return Rows(*_kernels.join_rows(*rows, first))
+        return Rows(*_construction.find_stars(self.n, self.edges, self.has_face, self.faces, self.face_edges))
+
+    def _level(self, level: int) -> Rows:
+        """The neighbours of one level, in arrays of their own."""
+        from . import _stars
+
+        first = np.cumsum([0, self.n, len(self.edges), len(self.faces)])
+        start, rows = self.stars
+        at_edges, at_faces = 2 * len(self.edges), self.face_edges.size
+        size = (at_edges, len(rows) - at_edges - at_faces, at_faces)[level]
+        kept_start, kept = np.empty(self.n + 1, np.int32), np.empty(size, np.int32)
+        _stars.take_level(start, rows, first[level], first[level + 1], kept_start, kept)
+        return Rows(kept_start, kept)
 
     def neighbours(self) -> Neighbours:
         """Unsigned one-ring neighbourhoods of eqs (14)-(16).
@@ -181,11 +194,14 @@ class Complex(Brief):
         >>> disc.neighbours().edge.toarray()[1]
         array([1, 1, 0, 1, 0], dtype=int8)
         """
-        return Neighbours(
-            _pattern(self.vertex_rows, self.n),
-            _pattern(self.edge_rows, len(self.edges)),
-            _pattern(self.face_rows, len(self.faces)),
+        from .._threads import both
+
+        self.stars  # noqa: B018 - found before two threads ask for it
+        sizes = (self.n, len(self.edges), len(self.faces))
+        (edge,), (vertex, face) = both(
+            lambda levels: [_pattern(self._level(level), sizes[level]) for level in levels], ((1,), (0, 2))
         )
+        return Neighbours(vertex, edge, face)
 
 
 def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | None = None) -> Complex:
@@ -221,23 +237,21 @@ def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | Non
     >>> abs(toy.B1 @ toy.B2).max()
     np.int8(0)
     """
-    from . import _kernels
+    from . import _construction
 
     triples = _simplices(faces, 3, "face")
     n = largest(triples, edges) if n is None else checked_count(n)
-    ascending = np.empty(triples.shape, np.int32)
-    _refuse(triples, _kernels.sort_faces(triples, n, ascending), n, "face")
+    ascending, counts, bad = _construction.sort_faces(triples, n)
+    _refuse(triples, bad, n, "face")
     extra = checked_pairs(edges, n)
-    start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
-    if _kernels.may_repeat_faces(ascending, start, ends, slots):
-        distinct = first_of_equals(ascending)
-        if len(distinct) < len(ascending):
-            ascending = ascending[distinct]
-            start, ends, slots = _kernels.bucket_sides(ascending, extra, n)
-    numbered = np.empty((len(ends), 2), np.int32)
-    face_edges = np.empty(ascending.shape, np.int32)
-    count = _kernels.number_edges(start, ends, slots, numbered, face_edges)
-    return Complex(n, numbered[:count].copy(), ascending, face_edges)
+    numbered = _construction.number_edges(n, ascending, counts, extra)
+    if numbered is None:
+        ascending, counts, _ = _construction.sort_faces(ascending[first_of_equals(ascending)], n)
+        numbered = _construction.number_edges(n, ascending, counts, extra, has_repeats=False)
+    complex_ = Complex(n, numbered[0], ascending, numbered[1])
+    if not len(extra):
+        vars(complex_)["has_face"] = np.ones(len(complex_.edges), bool)
+    return complex_
 
 
 def checked_count(n: int) -> int:
@@ -374,4 +388,4 @@ def _pattern(rows: Rows, columns: int) -> csr_array:
     from scipy.sparse import csr_array
 
     ones = np.ones(len(rows.indices), np.int8)
-    return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns), copy=True)
+    return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns))
