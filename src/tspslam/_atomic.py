@@ -15,6 +15,8 @@ from .errors import OutputError
 
 TEMPORARY_PREFIX = ".tspslam-"
 TEMPORARY_SUFFIX = ".tmp"
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS})
+"""Why the system refuses to write, whoever asks; compiled kernels on their way to disk meet them too."""
 _NO_FOLDER_SYNC = {errno.EINVAL, errno.EACCES, errno.EPERM, errno.EBADF, errno.ENOTSUP, errno.EISDIR, errno.ENOSYS}
 
 

@@ -101,17 +101,17 @@ def closing_line(pace: Pace) -> str:
     """Words for a run that has ended."""
     step = pace.step
     assert step is not None
-    return "  ".join([f"done in {_span(pace.seconds)}", *_counts(step)])
+    return "  ".join([f"done in {span(pace.seconds)}", *_counts(step)])
 
 
 def _pace_of(pace: Pace) -> list[str]:
     """How far, how fast, how long: of a stage without a count, how long it has taken."""
     step, rate, left = pace.step, pace.rate, pace.left
     if step is None or step.stage not in ("indexing", "tracking", "corners"):
-        return [_span(pace.stage_seconds)]
+        return [span(pace.stage_seconds)]
     said = [f"{step.done}/{step.total}"]
     if rate is not None and left is not None:
-        said += [f"{rate:.3g} frames/s" if rate < 100 else f"{rate:.0f} frames/s", f"{_span(left)} left"]
+        said += [f"{rate:.3g} frames/s" if rate < 100 else f"{rate:.0f} frames/s", f"{span(left)} left"]
     return said
 
 
@@ -127,7 +127,8 @@ def _bar(step: Step) -> str:
     return f"[{'#' * full}{'.' * (_BAR - full)}]"
 
 
-def _span(seconds: float) -> str:
+def span(seconds: float) -> str:
+    """Words for a time: minutes and seconds, from an hour on hours too."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import re
@@ -16,10 +15,9 @@ import typer
 from .. import __version__
 from ..errors import InputError, OutputError, TspSlamError
 from ..printing import hold_streams, listen, note, say
-from . import board, jobs, look, runs, show, uses  # noqa: F401  (each hangs its commands on the parser)
+from . import board, jobs, look, runs, scale, show, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
-_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}  # also met by compiled kernels on their way to disk
 _UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it
 
 
@@ -75,7 +73,7 @@ def exit_code(arguments: list[str]) -> int:
     if code == INTERRUPTED:
         if "--camera" in arguments:
             return _complain("interrupted; tspslam run takes what was recorded, as any folder", INTERRUPTED)
-        what = "goes on where this one stopped" if "run" in arguments[:2] else "begins anew"
+        what = "goes on where this one stopped" if {"run", "batch"} & {*arguments[:2]} else "begins anew"
         return _complain(f"interrupted; the same command {what}", INTERRUPTED)
     return code
 
@@ -103,9 +101,11 @@ def _refuse_empty(words: list[str]) -> None:
 
 
 def _code_of(error: Exception) -> int:
+    from .._atomic import NO_ROOM
+
     if isinstance(error, _UsageError):
         return USAGE
-    if isinstance(error, OutputError) or (isinstance(error, OSError) and error.errno in _NO_ROOM):
+    if isinstance(error, OutputError) or (isinstance(error, OSError) and error.errno in NO_ROOM):
         return NOT_WRITTEN
     return BAD_INPUT if isinstance(error, InputError) else INTERNAL
 

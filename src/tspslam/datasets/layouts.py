@@ -124,6 +124,31 @@ def open_sequence(
     raise AssertionError(kind)
 
 
+def is_known(path: PathLike) -> bool:
+    """Tell whether a path is for one of the readers, by its name and by what lies in it; nothing is read.
+
+    Parameters
+    ----------
+    path : str or path
+        A folder or a file.
+
+    Returns
+    -------
+    bool
+        False also where it cannot be looked at.
+
+    Examples
+    --------
+    >>> is_known("no-such-folder"), is_known("notes.txt")
+    (False, False)
+    """
+    try:
+        _kind(Path(_checked(path)), [], has_depth=False)
+    except (InputError, OSError):
+        return False
+    return True
+
+
 def are_parts(paths: list[Path]) -> bool:
     """Tell whether several paths are one sequence: two folders of images, two videos, or files of one bag.
 
