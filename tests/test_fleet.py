@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.fleet.costs import Sample, fit_costs
 from benchmarks.fleet.simulate import Cluster, Task, simulate
 
 EQUAL = [Task(2.0)] * 12
@@ -71,3 +72,22 @@ def test_deaths_cost_at_most_what_lies_between_checkpoints():
 def test_the_same_seed_gives_the_same_run():
     runs = [simulate(EQUAL, Cluster(3, lifetime=5.0, seed=seed)) for seed in (1, 1, 2)]
     assert runs[0] == runs[1] != runs[2]
+
+
+def test_costs_that_are_sums_of_parts_are_found_again():
+    samples = [
+        Sample((f, f * p), 2.0 + 0.01 * f + 0.05 * f * p, 3e8 + 1e5 * f, 1e6 * f * p, 5e4 * f)
+        for f in (10, 40, 200)
+        for p in (0.08, 0.3, 0.45)
+    ]
+    model = fit_costs(samples)
+    assert model.seconds == pytest.approx((2.0, 0.01, 0.05))
+    assert model.memory(1000, 450) == pytest.approx(4e8)
+    task = model.task(1000, 450)
+    assert (task.seconds, task.reads, task.writes) == pytest.approx((34.5, 4.5e8, 5e7))
+    assert model.worst < 1e-9
+
+
+def test_costs_tell_how_far_they_are_off():
+    model = fit_costs([Sample((1.0,), 1.0, 1, 1, 1), Sample((2.0,), 1.5, 1, 1, 1), Sample((4.0,), 4.0, 1, 1, 1)])
+    assert 0.1 < model.worst < 0.5
