@@ -1,0 +1,108 @@
+"""Measure what recordings, tiles and the scheduler cost on this machine, one process after another."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from tspslam import Rig
+from tspslam.datasets import synthetic
+from tspslam.vision.calibration.formats.own import save_cameras
+
+from .costs import Sample
+
+FRAMES, SIZES = (12, 40, 120), ((320, 120), (640, 240), (1226, 370))
+FOCAL = 0.58  # of the width: KITTI's
+EMPTY_TASKS = 2000
+KIB = 1024
+
+
+def measured_recordings(folder: Path) -> Iterator[Sample]:
+    """Streets at 1 m a frame, run by ``tspslam run``, one thread."""
+    for width, height in SIZES:
+        for frames in FRAMES:
+            source = _write_street(folder / f"{width}x{frames}", width, height, frames)
+            out = folder / f"{width}x{frames}-run"
+            words = ["run", str(source), "--out", str(out), "--threads", "1"]
+            seconds, peak = spent([sys.executable, "-m", "tspslam", *words])
+            size = (float(frames), frames * width * height / 1e6)
+            yield Sample(size, seconds, peak, bytes_in(source), bytes_in(out))
+
+
+def _write_street(folder: Path, width: int, height: int, frames: int) -> Path:
+    rig = Rig(FOCAL * width, FOCAL * width, width / 2, height / 2, 0.54, width, height)
+    walk = synthetic.SyntheticSequence(synthetic.street(float(frames - 1)), rig, synthetic.Faults(noise=0.01, blur=0.5))
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        for k in range(len(walk)):
+            Image.fromarray(getattr(walk[k], side)).save(folder / side / f"{k:06d}.png", compress_level=1)
+    save_cameras(rig, folder / "calib.yaml")
+    return folder
+
+
+def spent(words: list[str]) -> tuple[float, float]:
+    """Seconds of the processor, and bytes of resident memory at most, of a command and what it starts."""
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    said = process.stderr.read()
+    _, status, used = os.wait4(process.pid, 0)
+    if os.waitstatus_to_exitcode(status) not in (0, 4):  # 4: finished, with something to say
+        raise RuntimeError(f"{' '.join(words)}: {said.decode()[-400:]}")
+    process.returncode = 0
+    return used.ru_utime + used.ru_stime, used.ru_maxrss * KIB
+
+
+def bytes_in(folder: Path) -> float:
+    """Of all files in a folder."""
+    return float(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
+
+
+def scheduler_seconds() -> float:
+    """Time of Dask's scheduler for one message: processor time of empty tasks, two messages each."""
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=4, processes=False, host="127.0.0.1", dashboard_address=None
+        ) as local,
+        Client(local) as client,
+    ):
+        client.gather(client.map(int, range(100)))
+        before = time.process_time()
+        client.gather(client.map(int, range(1000, 1000 + EMPTY_TASKS)))
+        return (time.process_time() - before) / (2 * EMPTY_TASKS)
+
+
+def start_seconds() -> float:
+    """From asking for a worker to its first result, with the package imported."""
+    from distributed import Client, LocalCluster
+
+    began = time.perf_counter()
+    with LocalCluster(n_workers=1, host="127.0.0.1", dashboard_address=None) as local, Client(local) as client:
+        client.submit(_import).result()
+    return time.perf_counter() - began
+
+
+def _import() -> int:
+    import tspslam.run
+
+    return len(tspslam.run.__name__)
+
+
+def taken() -> dict[str, object]:
+    """All that the page needs of this machine."""
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = list(measured_recordings(Path(folder)))
+    return {
+        "recordings": recordings,
+        "scheduler_seconds": scheduler_seconds(),
+        "start_seconds": float(np.median([start_seconds() for _ in range(3)])),
+    }
