@@ -40,7 +40,7 @@ from .record import (
 
 OnFrame = Callable[[Frame], object]
 STATE_NAME = "state.npz"
-_MADE_BY = f"tspslam {__version__}, state 7".encode()  # others' checkpoints do not count
+_MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer

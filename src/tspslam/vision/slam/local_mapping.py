@@ -22,6 +22,7 @@ from .back_end.loop_correction import note_loop, prepare
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
+from .keyframes.parts import join_parts
 from .least_squares.bundle import Adjustment
 from .new_landmarks import follow_offset
 from .places.loop_closing import PlaceRecognition
@@ -57,6 +58,9 @@ class LocalMapper:
         Landmarks of the last keyframe when it was added.
     closures : list of (int, int)
         Loops closed: number of the frame, and that of the keyframe that it came back to.
+    joins : list of (int, int, int)
+        Parts of the map that became one: number of the frame that joined them, that of the keyframe that it saw again,
+        and how many of its landmarks.
     unsolved : int
         Adjustments that had no solution.
     """
@@ -66,6 +70,7 @@ class LocalMapper:
         self.sigma_disparity, self.bias = sigma_disparity, DisparityBias(sigma_offset, map_.window)
         self.expected = self.unsolved = 0
         self.closures: list[tuple[int, int]] = []
+        self.joins: list[tuple[int, int, int]] = []
         self._worker = Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
         self._closing: Future[ClosedLoop | None] | None = None
@@ -136,10 +141,15 @@ class LocalMapper:
         loop = self._places.detect_loop(image, estimate, keypoints.uv, keypoints.descriptors)
         if loop is None:
             return estimate, None
-        again = replace(loop.estimate, disparity=measure(loop.estimate))
+        again, older = replace(loop.estimate, disparity=measure(loop.estimate)), self.map.keyframes[loop.place]
+        is_join = older.part != self.map.keyframes[-1].part
+        if is_join:
+            self.joins.append((index, older.index, len(again)))
         if loop.drift <= self._places.loops.min_error:
+            if is_join:
+                self.map.keyframes = join_parts(self.map.keyframes, loop.place, len(self.map.keyframes) - 1)
             return self._places.merge_observations(again, estimate, spread), None
-        self.closures.append((index, self.map.keyframes[loop.place].index))
+        self.closures.append((index, older.index))
         return estimate, (again, self.map.landmark_id[again.landmark])
 
     def start_adjustment(self) -> None:
@@ -213,6 +223,8 @@ class LocalMapper:
     def _take_over_loop(self, closed: ClosedLoop | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""
         if closed is None:
+            assert self.map.loop is not None
+            self.joins = [join for join in self.joins if join[0] != self.map.loop.index]
             self.map.loop = None
             self.unsolved += 1
         else:

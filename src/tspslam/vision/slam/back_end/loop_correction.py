@@ -13,6 +13,7 @@ from ....types import FloatArray, Rig
 from ...se3 import inverse, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
+from ..keyframes.parts import join_parts
 from ..keyframes.sightings import match_sights
 from ..least_squares.bundle import lens_of
 from ..least_squares.pose_graph import PoseEdges, optimise_poses
@@ -199,7 +200,8 @@ def close_loop(map_: Map, motions: FloatArray, same_landmark: float) -> None:
     map_.xyz = np.einsum("mij,mj->mi", moved[:, :3, :3], map_.xyz) + moved[:, :3, 3]
     poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
     for k in range(1, len(frames)):
-        frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
+        frames[k] = replace(frames[k], T_world_camera=poses[k])
+    map_.keyframes = join_parts(frames, older, len(frames) - 1)
     map_.unsettled = {frame.index for frame in frames[1:]}
     map_.loop = None
     _join_sights(map_, loop, same_landmark)
