@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -19,15 +20,14 @@ from .._stopwatch import Stopwatch
 from .._threads import Worker
 from ..errors import InputError
 from ..frame import Frame
-from ..io import RunFolder, read_frame, write_bytes, write_frame
-from ..io.landmarks import write_landmarks
+from ..io import RunFolder, write_bytes, write_frame
+from ..io.frames import read_frame_image
 from ..session import Session
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack, write_checkpoint
 from ._stored_rows import changed, find_row, text_of
-from .map import snapshot_of
 from .record import (
     FrameRecord,
     Row,
@@ -260,6 +260,7 @@ class SequenceRun:
         try:
             if isinstance(pair, InputError):
                 raise pair
+            self._begin_recording(index)
             frame = self.session.process(pair)
         except InputError as error:
             self._errors[index] = error
@@ -273,6 +274,13 @@ class SequenceRun:
             self._wait_for_writing(_BACKLOG)
             self._writing.append((place, self._writer.submit(self._store, frame, row)))
         return frame
+
+    def _begin_recording(self, index: int) -> None:
+        """Tell the session that a further recording begins, if a pair is the first one of it that is processed."""
+        starts = getattr(self.source, "starts", (0,))
+        last = next((row.index for row in reversed(self.rows) if isinstance(row, FrameRecord)), index)
+        if bisect_right(starts, last) != bisect_right(starts, index):
+            self.session.begin()
 
     def _store(self, frame: Frame, row: FrameRecord) -> FrameRecord:
         """Write a frame and its numbers; one without a complex has a pose, but no file."""
@@ -356,13 +364,16 @@ class SequenceRun:
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
         unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
-        if unit is None or not isinstance(self.session.odometry, StereoOdometry):
+        is_needed = bool(getattr(self.source, "stored", 0))  # pairs that only the checkpoint tells of
+        if not is_needed and (unit is None or not isinstance(self.session.odometry, StereoOdometry)):
             return
         try:
-            if not self.folder.is_done(path, input_hash=unit.input):
+            if unit is None or not self.folder.is_done(path, input_hash=unit.input):
                 raise InputError("it was changed since the run")
             self._take_over(path)
         except InputError as error:
+            if is_needed:
+                raise InputError(one_line(f"{path}: does not count ({error}), expected that of the run")) from error
             _LOG.warning(one_line(f"{path}: does not count ({error}); all frames are made anew"))
 
     def _take_over(self, path: Path) -> None:
@@ -380,10 +391,14 @@ class SequenceRun:
         self.session, self.rows = session, rows
 
     def _image(self, index: int) -> Image:
+        if index < getattr(self.source, "stored", 0):
+            return read_frame_image(self.folder.frame_path(index))
         return self.source[index].left
 
     def _as_before(self, index: int, row: Row, is_whole: bool) -> Row:
         """The row of a pair, as its files have it; `InputError` unless pair and files are what they were."""
+        if index < getattr(self.source, "stored", 0):
+            return self._as_stored(index, row)
         pair = self._one(index)
         is_same = row.index == index and row.input_hash == _input_hash(pair, self.session)
         if isinstance(row, SkippedPair):
@@ -398,32 +413,13 @@ class SequenceRun:
             raise changed(index)
         return row
 
-
-def note_landmarks(sequence: SequenceRun) -> Path:
-    """Write what the map is made of besides the keyframes: landmarks, with frames by their indices.
-
-    Parameters
-    ----------
-    sequence : SequenceRun
-        A finished one.
-
-    Returns
-    -------
-    path
-        The file; it is not in the manifest yet.
-    """
-    odometry, folder = sequence.session.odometry, sequence.folder
-    if isinstance(odometry, StereoOdometry):
-        indices = np.array([row.index for row in sequence.tracked], np.int64)
-        snapshot, rig = odometry.map.snapshot(), odometry.map.rig
-        snapshot = replace(snapshot, keyframe=indices[snapshot.keyframe])
-    else:
-        path = zip(sequence.tracked, sequence.session.trajectory.T_world_camera, strict=True)
-        poses = {row.index: T for row, T in path if row.is_keyframe and row.complex_ is not None}
-        frames = {index: read_frame(folder.frame_path(index)) for index in poses}
-        snapshot, rig = snapshot_of(frames, poses), sequence.session.rig
-    write_landmarks(folder.landmarks_path, snapshot, rig)
-    return folder.landmarks_path
+    def _as_stored(self, index: int, row: Row) -> Row:
+        """The row of a pair that is not to be had any more, as its files have it."""
+        if row.index != index:
+            raise changed(index)
+        if isinstance(row, FrameRecord) and row.complex_ is not None:
+            return find_row(self.folder, row, self.source.rig, is_whole=False)
+        return row
 
 
 def _input_hash(pair: StereoPair | InputError, session: Session) -> str:
