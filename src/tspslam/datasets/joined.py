@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import accumulate
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..types import FloatArray, Rig, StereoPair
@@ -37,6 +36,100 @@ class Recording(Protocol):
 
     def __getitem__(self, index: int) -> StereoPair:
         """Read one pair."""
+
+
+@dataclass(frozen=True)
+class StoredRecording:
+    """A recording whose pairs are not at hand: a run has what it made of them.
+
+    Attributes
+    ----------
+    name : str
+        What it is called there.
+    rig : Rig
+        Its cameras.
+    count : int
+        How many pairs it has.
+    stamps : (2,) float64
+        Of the first and the last of them that were tracked, s.
+    offset : float
+        What the run has added to its stamps, s.
+    warnings, unpaired : tuple
+        What the run was told of it.
+    """
+
+    name: str
+    rig: Rig
+    count: int
+    stamps: FloatArray
+    offset: float = 0.0
+    warnings: tuple[dict[str, str], ...] = ()
+    unpaired: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Say that pair `index` is not at hand; IndexError past the end."""
+        index = checked_index(index, self.count)
+        raise InputError(f"{self.name}: its pair {index} is not at hand, expected frames of a run alone")
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """Some of the pairs of a recording.
+
+    Attributes
+    ----------
+    whole : Recording
+        All of them.
+    places : range
+        Which.
+    """
+
+    whole: Recording
+    places: range
+
+    @property
+    def name(self) -> str:
+        """That of the whole."""
+        return self.whole.name
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras of all pairs."""
+        return self.whole.rig
+
+    @property
+    def stamps(self) -> FloatArray | None:
+        """Their times, s, where the whole knows them beforehand."""
+        return self._some("stamps")
+
+    @property
+    def truth(self) -> FloatArray | None:
+        """Their true poses (n, 4, 4), where they are known."""
+        return self._some("truth")
+
+    @property
+    def warnings(self) -> Sequence[dict[str, str]]:
+        """What is to be doubted of the whole."""
+        return getattr(self.whole, "warnings", ())
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """Where the stamps of the whole are from, and how images were paired."""
+        return getattr(self.whole, "remarks", ())
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, index: int) -> StereoPair:
+        """Read one of these pairs; IndexError past the end."""
+        return self.whole[self.places[checked_index(index, len(self))]]
+
+    def _some(self, what: str) -> FloatArray | None:
+        values: FloatArray | None = getattr(self.whole, what, None)
+        return None if values is None else values[self.places.start : self.places.stop : self.places.step]
 
 
 class JoinedSequence:
@@ -116,31 +209,31 @@ class JoinedSequence:
         """Read one pair after another."""
         return (self[index] for index in range(len(self)))
 
-    def own_stamps(self, recording: int, joined: Sequence[tuple[int, float]]) -> FloatArray:
-        """Tell the stamps that pairs have in their own recording.
+    def own_stamp(self, index: int, stamp: float) -> float | None:
+        """Tell the stamp that a pair has in its own recording.
 
         Parameters
         ----------
-        recording : int
-            Which.
-        joined : sequence of (int, float)
-            Indices of the pairs in all, and their stamps here, s.
+        index : int
+            Of the pair.
+        stamp : float
+            Its stamp here, s.
 
         Returns
         -------
-        (n,) float64
-            s.
+        float or None
+            s; None where it is the same.
         """
-        index, stamp = np.array(joined, np.float64).reshape(-1, 2).T
-        stamps: FloatArray | None = getattr(self.recordings[recording], "stamps", None)
-        if stamps is None or not self.offsets[recording]:
-            return np.asarray(stamp - self.offsets[recording])
-        return np.asarray(stamps[index.astype(np.int64) - self.starts[recording]])  # to the last bit
+        k = bisect_right(self.starts, index) - 1
+        if not self.offsets[k]:
+            return None
+        stamps: FloatArray | None = getattr(self.recordings[k], "stamps", None)
+        return stamp - float(self.offsets[k]) if stamps is None else float(stamps[index - self.starts[k]])
 
     @property
     def stored(self) -> int:
         """How many pairs, the first ones, are to be had from a run alone, as frames."""
-        count = sum(getattr(each, "is_stored", False) for each in self.recordings)
+        count = sum(isinstance(each, StoredRecording) for each in self.recordings)
         return self._ends[count - 1] if count else 0
 
     @property
@@ -218,14 +311,14 @@ def _offsets(recordings: Sequence[Recording]) -> FloatArray:
     for k, recording in enumerate(recordings):
         first, last = _ends_of(recording)
         needed = 0 if first > end else np.floor(end - first) + 1 + _PAUSE
-        offsets[k] = getattr(recording, "offset", needed)
+        offsets[k] = recording.offset if isinstance(recording, StoredRecording) else needed
         end = last + offsets[k]
     return offsets
 
 
 def _ends_of(recording: Recording) -> tuple[float, float]:
     """Stamps of the first and the last pair, s."""
-    stamps: NDArray[np.float64] | None = getattr(recording, "stamps", None)
+    stamps: FloatArray | None = getattr(recording, "stamps", None)
     if stamps is not None:
         return float(stamps[0]), float(stamps[-1])
     count = len(recording)

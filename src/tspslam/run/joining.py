@@ -151,7 +151,7 @@ def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing,
     """What is said of recording k."""
     rows = [row for row, of in zip(sequence.tracked, standing.recording, strict=True) if of == k]
     home = standing.home(k)
-    own = _own_path(sequence, source, standing, k)
+    own = _own_path(sequence, standing, k)
     local = [row.index - source.starts[k] for row in rows]
     errors, said = measured(source.recordings[k], own, local) if len(own) and local else (None, [])
     return {
@@ -162,7 +162,7 @@ def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing,
         "keyframes": sum(row.is_keyframe for row in rows),
         "relative_to": None if home < 0 else source.names[int(standing.recording[home])],
         "apart": int(((standing.recording == k) & (standing.origin != home)).sum()),
-        "joined_by": _joined_by(sequence, source, standing, k),
+        "joined_by": _joined_by(sequence, source, standing, k) if k else None,
         "loops_to_others": _loops_to_others(sequence, standing, k),
         "stamp_offset_s": float(source.offsets[k]),
         "trajectory": path_name(source.names[k]) if len(own) else None,
@@ -246,22 +246,24 @@ def write_own_paths(sequence: SequenceRun) -> list[Path]:
         return []
     standing, written = stand(sequence), list[Path]()
     for k, name in enumerate(source.names):
-        path = _own_path(sequence, source, standing, k)
+        path = _own_path(sequence, standing, k)
         if len(path):
             written.append(sequence.folder.path / path_name(name))
             write_tum(written[-1], path.stamp, path.T_world_camera)
     return written
 
 
-def _own_path(sequence: SequenceRun, source: JoinedSequence, standing: Standing, k: int) -> Trajectory:
+def _own_path(sequence: SequenceRun, standing: Standing, k: int) -> Trajectory:
     """Path of recording k: in the frame of the first one if it was joined to that, else relative to its own start."""
     home, path = standing.home(k), sequence.session.trajectory
     chosen = np.flatnonzero((standing.recording == k) & (standing.origin == home) & (home >= 0))
     T = path.T_world_camera[chosen]
     if home > 0:
         T = normalised(inverse(path.T_world_camera[home]) @ T)
-    rows = sequence.tracked
-    return _rising(source.own_stamps(k, [(rows[n].index, rows[n].stamp) for n in chosen.tolist()]), T)
+    tracked = sequence.tracked
+    rows = [tracked[n] for n in chosen.tolist()]
+    stamps = [row.stamp if row.own_stamp is None else row.own_stamp for row in rows]
+    return _rising(np.array(stamps, np.float64), T)
 
 
 def note_landmarks(sequence: SequenceRun) -> Path:

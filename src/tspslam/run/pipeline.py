@@ -128,9 +128,7 @@ def run(
     resolved, wanted = as_resolved(resolved), _wanted(source, frames)
     require_path(out, "out")
     started = time.perf_counter()
-    chosen = None if frames is None else [frames.start, frames.stop, frames.step]
-    settings = resolved.nested | {"source": {"name": source.name, "frames": chosen} | _recordings_of(source)}
-    with RunFolder.create(out, settings) as folder:
+    with RunFolder.create(out, settings_of(source, frames, resolved)) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings, keep=False), folder)
         at = Stages(sequence, on_step)
         try:
@@ -176,12 +174,29 @@ def run_path(
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame, on_step=on_step)
 
 
-def _recordings_of(source: Source) -> dict[str, Any]:
-    """What the settings say of the recordings of a source that joins several."""
-    if not isinstance(source, JoinedSequence):
-        return {}
-    pairs = zip(source.names, map(len, source.recordings), strict=True)
-    return {"recordings": [{"name": name, "pairs": count} for name, count in pairs]}
+def settings_of(source: Source, frames: range | None, resolved: Resolved) -> dict[str, Any]:
+    """Say what ``config.yaml`` holds: the settings, and what is run.
+
+    Parameters
+    ----------
+    source : Source
+        The pairs.
+    frames : range or None
+        Which of them; None for all.
+    resolved : Resolved
+        The settings.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
+    chosen = None if frames is None else [frames.start, frames.stop, frames.step]
+    said: dict[str, Any] = {"name": source.name, "frames": chosen}
+    if isinstance(source, JoinedSequence):
+        pairs = zip(source.names, map(len, source.recordings), strict=True)
+        said["recordings"] = [{"name": name, "pairs": count} for name, count in pairs]
+    return resolved.nested | {"source": said}
 
 
 def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:

@@ -18,6 +18,7 @@ from .._files import one_line, read_bytes
 from .._npz import Arrays
 from .._stopwatch import Stopwatch
 from .._threads import Worker
+from ..datasets.joined import JoinedSequence
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, write_bytes, write_frame
@@ -40,7 +41,7 @@ from .record import (
 
 OnFrame = Callable[[Frame], object]
 STATE_NAME = "state.npz"
-_MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do not count
+MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer
@@ -256,7 +257,7 @@ class SequenceRun:
 
     def _process(self, index: int, pair: StereoPair | InputError) -> Frame | None:
         """Add the row of one pair; its frame goes to the folder if it carries a complex."""
-        key = _input_hash(pair, self.session)
+        key = input_hash(pair, self.session)
         try:
             if isinstance(pair, InputError):
                 raise pair
@@ -267,6 +268,8 @@ class SequenceRun:
             self.rows.append(SkippedPair(index, key, str(error)))
             return None
         row, place = record_frame(frame, pair, key), len(self.rows)
+        if isinstance(self.source, JoinedSequence):
+            row = replace(row, own_stamp=self.source.own_stamp(index, pair.stamp))
         self.rows.append(row)
         self.keyframes, self.lost = self.keyframes + row.is_keyframe, self.lost + row.is_lost
         self.seconds[frame.name] = frame.seconds
@@ -335,7 +338,7 @@ class SequenceRun:
             rows[place] = written.result()
         if any(isinstance(row, FrameRecord) and row.complex_ is not None for row in rows):
             path = self.folder.path / STATE_NAME
-            write_checkpoint(path, _MADE_BY, rows, state)
+            write_checkpoint(path, MADE_BY, rows, state)
             self.folder.record(path, input_hash=hash_of([row.input_hash for row in rows]))
 
     def _finish_saving(self, *, is_urgent: bool = True) -> None:
@@ -356,9 +359,9 @@ class SequenceRun:
         """
         path = self.folder.path / STATE_NAME
         if STATE_NAME in self.folder.units:
-            rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+            rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
             if rows != self.rows:
-                write_checkpoint(path, _MADE_BY, self.rows, state)
+                write_checkpoint(path, MADE_BY, self.rows, state)
                 self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
@@ -378,7 +381,7 @@ class SequenceRun:
 
     def _take_over(self, path: Path) -> None:
         """Go on from a checkpoint of this version whose images and files are as they were."""
-        rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+        rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
         if len(rows) > len(self.wanted):
             raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
         is_whole = len(rows) == len(self.wanted)
@@ -400,7 +403,7 @@ class SequenceRun:
         if index < getattr(self.source, "stored", 0):
             return self._as_stored(index, row)
         pair = self._one(index)
-        is_same = row.index == index and row.input_hash == _input_hash(pair, self.session)
+        is_same = row.index == index and row.input_hash == input_hash(pair, self.session)
         if isinstance(row, SkippedPair):
             is_same &= not isinstance(pair, InputError) or row.skipped == str(pair)
         elif isinstance(pair, InputError):
@@ -422,8 +425,21 @@ class SequenceRun:
         return row
 
 
-def _input_hash(pair: StereoPair | InputError, session: Session) -> str:
-    """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
+def input_hash(pair: StereoPair | InputError, session: Session) -> str:
+    """Hash all that a frame is made from besides the settings: the pair, and files that stages read.
+
+    Parameters
+    ----------
+    pair : StereoPair or InputError
+        The pair, or why it cannot be read.
+    session : Session
+        With these stages.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     key = hash_of(str(pair)) if isinstance(pair, InputError) else pair_hash(pair)
     prints = session.fingerprints
     return hash_of([key, prints]) if any(prints) else key
