@@ -212,6 +212,28 @@ class Session:
         with self._lock:
             return self._process(pair)
 
+    def begin(self) -> None:
+        """Begin a further recording with the next pair: it may be anywhere in the map, or in none of it.
+
+        `StereoOdometry.begin` says what follows; where poses come from elsewhere, nothing does. Stamps go on rising:
+        `tspslam.datasets.JoinedSequence` sees to that.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> from tspslam.datasets import synthetic
+        >>> walk = synthetic.SyntheticSequence(synthetic.corridor(2.0))
+        >>> with Session(walk.rig) as session:
+        ...     frames = [session.process(pair) for pair in walk]
+        ...     session.begin()
+        ...     again = session.process(replace(walk[1], stamp=60.0))
+        >>> bool(np.allclose(again.T_world_camera, walk.truth[1], atol=0.02))
+        True
+        """
+        with self._lock:
+            if isinstance(self.odometry, StereoOdometry):
+                self.odometry.begin()
+
     def _process(self, pair: StereoPair) -> Frame:
         if self._is_closed:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")

@@ -13,7 +13,7 @@ from tspslam.run.evaluate import evaluated
 from tspslam.run.mesh import filter_mesh
 from tspslam.run.pipeline import OnePair, run
 from tspslam.run.record import pair_hash
-from tspslam.run.sequence import _input_hash
+from tspslam.run.sequence import input_hash
 from tspslam.topology.harmonic import Tmahf
 from tspslam.topology.surface import DelaunaySurface
 
@@ -42,7 +42,7 @@ def test_files_that_stages_read_are_part_of_the_input():
             raise AssertionError("never called")
 
     plain, printed = Session(RIG), Session(RIG, Settings(detector=Detector()))
-    assert _input_hash(PAIR, plain) == pair_hash(PAIR) != _input_hash(PAIR, printed)
+    assert input_hash(PAIR, plain) == pair_hash(PAIR) != input_hash(PAIR, printed)
 
 
 def test_a_pair_of_another_rig_is_refused():

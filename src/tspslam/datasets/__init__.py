@@ -6,6 +6,7 @@ from .euroc import EurocSequence as EurocSequence
 from .folder import StereoFolder as StereoFolder
 from .folder import pair_from_files as pair_from_files
 from .folder import read_pair as read_pair
+from .joined import JoinedSequence as JoinedSequence
 from .kitti import KittiSequence as KittiSequence
 from .layouts import open_sequence as open_sequence
 from .live import LiveSequence as LiveSequence
@@ -22,6 +23,7 @@ from .video import VideoSequence as VideoSequence
 
 __all__ = [
     "EurocSequence",
+    "JoinedSequence",
     "KittiSequence",
     "LiveSequence",
     "RgbdBag",

@@ -21,6 +21,7 @@ _RESULTS = frozenset(
     | {"state.npz"}
 )
 _FRAME = re.compile(r"frames/(?:[0-9]{6}|[1-9][0-9]{6,11})\.(?:npz|json)")
+_PATH = re.compile(r"trajectory_([\w-]{1,80})\.tum")  # of one recording of several
 _PICTURE = re.compile(r"pictures/(.+)\.png")
 _LONGEST = 100  # characters of a picture's name
 _EXPECTED = "a run folder whose files and folders are its own"
@@ -40,7 +41,8 @@ def is_result(name: str) -> bool:
     [True, True, False, False]
     """
     picture = _PICTURE.fullmatch(name)
-    return name in _RESULTS or bool(_FRAME.fullmatch(name)) or (picture is not None and is_word(picture[1]))
+    is_known = name in _RESULTS or bool(_FRAME.fullmatch(name)) or bool(_PATH.fullmatch(name))
+    return is_known or (picture is not None and is_word(picture[1]))
 
 
 def is_of_a_run(name: str) -> bool:
@@ -52,7 +54,8 @@ def is_of_a_run(name: str) -> bool:
     [True, True, True, False]
     """
     lower = name.lower()
-    return lower in _BOOKS or lower in _RESULTS or lower.split("/")[0] in PARTS
+    is_book = lower in _BOOKS or lower in _RESULTS or bool(_PATH.fullmatch(lower))
+    return is_book or lower.split("/")[0] in PARTS
 
 
 def check_places(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from .._stopwatch import Stopwatch
-from ..datasets import open_sequence
+from ..datasets import JoinedSequence, open_sequence
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
@@ -24,10 +24,11 @@ from ..vision.evaluate import TrajectoryErrors
 from ._stages import OnStep, Stages
 from .config import Resolved, as_resolved
 from .evaluate import describe_errors, measured
+from .joining import describe_recordings, note_landmarks, placed_path, placed_poses, write_own_paths
 from .map import join_keyframes, stored_keyframes
 from .offset import fix_offset
 from .record import hash_of, machine
-from .sequence import STATE_NAME, GrowingSource, OnFrame, SequenceRun, note_landmarks
+from .sequence import STATE_NAME, GrowingSource, OnFrame, SequenceRun
 from .sequence import Source as Source
 from .sequence import Step as Step
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
@@ -127,9 +128,7 @@ def run(
     resolved, wanted = as_resolved(resolved), _wanted(source, frames)
     require_path(out, "out")
     started = time.perf_counter()
-    chosen = None if frames is None else [frames.start, frames.stop, frames.step]
-    settings = resolved.nested | {"source": {"name": source.name, "frames": chosen}}
-    with RunFolder.create(out, settings) as folder:
+    with RunFolder.create(out, settings_of(source, frames, resolved)) as folder:
         sequence = SequenceRun(source, wanted, Session(source.rig, resolved.settings, keep=False), folder)
         at = Stages(sequence, on_step)
         try:
@@ -173,6 +172,31 @@ def run_path(
     """
     resolved = as_resolved(Settings() if settings is None else settings)
     return run(open_sequence(path), out, resolved, frames=frames, progress=progress, on_frame=on_frame, on_step=on_step)
+
+
+def settings_of(source: Source, frames: range | None, resolved: Resolved) -> dict[str, Any]:
+    """Say what ``config.yaml`` holds: the settings, and what is run.
+
+    Parameters
+    ----------
+    source : Source
+        The pairs.
+    frames : range or None
+        Which of them; None for all.
+    resolved : Resolved
+        The settings.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
+    chosen = None if frames is None else [frames.start, frames.stop, frames.step]
+    said: dict[str, Any] = {"name": source.name, "frames": chosen}
+    if isinstance(source, JoinedSequence):
+        pairs = zip(source.names, map(len, source.recordings), strict=True)
+        said["recordings"] = [{"name": name, "pairs": count} for name, count in pairs]
+    return resolved.nested | {"source": said}
 
 
 def _write_timings(sequence: SequenceRun, times: dict[str, Any]) -> None:
@@ -232,12 +256,22 @@ def _process_all(
         sequence.source.name, sequence.rows, sequence.session,
         settings_hash=sequence.folder.config_hash, unpaired=getattr(sequence.source, "unpaired", ()),
     )  # fmt: skip
-    errors, said = measured(sequence.source, sequence.trajectory, sequence.wanted)
+    errors, said = measured(sequence.source, placed_path(sequence), sequence.wanted)
+    record = _of_recordings(sequence, record)
     said = [*getattr(sequence.source, "warnings", ()), *said]
     record |= {"status": "degraded"} if getattr(sequence.source, "ended_early", False) else {}
     record |= {"evaluation": describe_errors(errors)} if errors else {}
     record, said = _of_depths(sequence.source, record), [*said, *getattr(sequence.source, "doubts", list)()]
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)
+
+
+def _of_recordings(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, Any]:
+    """What is said of a run, with what there is to say of its recordings, if it has several."""
+    told, warnings = describe_recordings(sequence)
+    if not told:
+        return record
+    record |= {"recordings": told, "warnings": [*record["warnings"], *warnings]}
+    return record | ({"status": "degraded"} if warnings else {})
 
 
 def _of_depths(source: Source, record: dict[str, Any]) -> dict[str, Any]:
@@ -267,7 +301,7 @@ def _write_results(
     from .report import describe_whole
 
     at("map")
-    folder, trajectory, watch = sequence.folder, sequence.trajectory, Stopwatch()
+    folder, trajectory, watch = sequence.folder, placed_path(sequence), Stopwatch()
     paths = [note_landmarks(sequence)]
     folder.record(paths[0], input_hash=key)
     made, warnings = _make_map(folder, sequence.session.settings, record["landmarks"])
@@ -278,12 +312,11 @@ def _write_results(
     sequence.map_seconds = watch.seconds["map"]
     record = describe_map(record, made, warnings)
     paths += folder.write_trajectory(trajectory.stamp, trajectory.T_world_camera)
+    paths += write_own_paths(sequence)
     shown = read_frame(folder.frame_path(sequence.stored[0].index))
-    places = [row.index for row in sequence.tracked]
-    poses = dict(zip(places, sequence.session.trajectory.T_world_camera, strict=True))
     whole = describe_whole(
         folder, record, sequence.session.settings, [row.index for row in sequence.stored],
-        rig=shown.rig, made=made, poses=poses, errors=errors,
+        rig=shown.rig, made=made, poses=placed_poses(sequence), errors=errors,
     )  # fmt: skip
     write_results(folder, paths, shown, record, key, made=made, poses=trajectory.T_world_camera, whole=whole, at=at)
     return record
@@ -292,7 +325,8 @@ def _write_results(
 def _make_map(folder: RunFolder, settings: Settings, landmarks: int) -> tuple[TopologicalMap | None, list[Warning_]]:
     """The map of the stored keyframes, if they span one; and what is to be said."""
     try:
-        made = join_keyframes(stored_keyframes(folder), settings)
+        given = stored_keyframes(folder)
+        made, landmarks = join_keyframes(given, settings), min(landmarks, len(given.snapshot.landmark_id))
     except (GeometryError, InputError) as error:  # landmarks that span none, or too many: the path is there
         return None, [{"code": "map", "message": f"there is no map of all keyframes ({error})"}]
     return made, list(doubts_of_map(made, landmarks)) if len(made.keyframes) > 1 else []

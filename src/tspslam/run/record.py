@@ -80,6 +80,8 @@ class FrameRecord:
         Values of its map that were taken for "not known".
     no_complex : str or None
         Why it has no complex, where one was wanted.
+    own_stamp : float or None
+        Time in its own recording, s, where that is another one.
     complex_ : ComplexRecord or None
         Its complex, if it is stored.
     """
@@ -94,6 +96,7 @@ class FrameRecord:
     bits: int | None = None
     unknown: tuple[float, ...] = ()
     no_complex: str | None = None
+    own_stamp: float | None = None
     complex_: ComplexRecord | None = None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -17,17 +18,17 @@ from .._files import one_line, read_bytes
 from .._npz import Arrays
 from .._stopwatch import Stopwatch
 from .._threads import Worker
+from ..datasets.joined import JoinedSequence
 from ..errors import InputError
 from ..frame import Frame
-from ..io import RunFolder, read_frame, write_bytes, write_frame
-from ..io.landmarks import write_landmarks
+from ..io import RunFolder, write_bytes, write_frame
+from ..io.frames import read_frame_image
 from ..session import Session
 from ..types import Image, Rig, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack, write_checkpoint
 from ._stored_rows import changed, find_row, text_of
-from .map import snapshot_of
 from .record import (
     FrameRecord,
     Row,
@@ -41,7 +42,7 @@ from .record import (
 OnFrame = Callable[[Frame], object]
 _Arrived = tuple[StereoPair | InputError, str]  # a pair, or why it cannot be read; hash of what it is made from
 STATE_NAME = "state.npz"
-_MADE_BY = f"tspslam {__version__}, state 7".encode()  # others' checkpoints do not count
+MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer
@@ -266,12 +267,15 @@ class SequenceRun:
         try:
             if isinstance(pair, InputError):
                 raise pair
+            self._begin_recording(index)
             frame = self.session.process(pair)
         except InputError as error:
             self._errors[index] = error
             self.rows.append(SkippedPair(index, key, str(error)))
             return None
         row, place = record_frame(frame, pair, key), len(self.rows)
+        if isinstance(self.source, JoinedSequence):
+            row = replace(row, own_stamp=self.source.own_stamp(index, pair.stamp))
         self.rows.append(row)
         self.keyframes, self.lost = self.keyframes + row.is_keyframe, self.lost + row.is_lost
         self.seconds[frame.name] = frame.seconds
@@ -279,6 +283,13 @@ class SequenceRun:
             self._wait_for_writing(_BACKLOG)
             self._writing.append((place, self._writer.submit(self._store, frame, row)))
         return frame
+
+    def _begin_recording(self, index: int) -> None:
+        """Tell the session that a further recording begins, if a pair is the first one of it that is processed."""
+        starts = getattr(self.source, "starts", (0,))
+        last = next((row.index for row in reversed(self.rows) if isinstance(row, FrameRecord)), index)
+        if bisect_right(starts, last) != bisect_right(starts, index):
+            self.session.begin()
 
     def _store(self, frame: Frame, row: FrameRecord) -> FrameRecord:
         """Write a frame and its numbers; one without a complex has a pose, but no file."""
@@ -333,7 +344,7 @@ class SequenceRun:
             rows[place] = written.result()
         if any(isinstance(row, FrameRecord) and row.complex_ is not None for row in rows):
             path = self.folder.path / STATE_NAME
-            write_checkpoint(path, _MADE_BY, rows, state)
+            write_checkpoint(path, MADE_BY, rows, state)
             self.folder.record(path, input_hash=hash_of([row.input_hash for row in rows]))
 
     def _finish_saving(self, *, is_urgent: bool = True) -> None:
@@ -354,26 +365,29 @@ class SequenceRun:
         """
         path = self.folder.path / STATE_NAME
         if STATE_NAME in self.folder.units:
-            rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+            rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
             if rows != self.rows:
-                write_checkpoint(path, _MADE_BY, self.rows, state)
+                write_checkpoint(path, MADE_BY, self.rows, state)
                 self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
         unit, path = self.folder.units.get(STATE_NAME), self.folder.path / STATE_NAME
-        if unit is None or not isinstance(self.session.odometry, StereoOdometry):
+        is_needed = bool(getattr(self.source, "stored", 0))  # pairs that only the checkpoint tells of
+        if not is_needed and (unit is None or not isinstance(self.session.odometry, StereoOdometry)):
             return
         try:
-            if not self.folder.is_done(path, input_hash=unit.input):
+            if unit is None or not self.folder.is_done(path, input_hash=unit.input):
                 raise InputError("it was changed since the run")
             self._take_over(path)
         except InputError as error:
+            if is_needed:
+                raise InputError(one_line(f"{path}: does not count ({error}), expected that of the run")) from error
             _LOG.warning(one_line(f"{path}: does not count ({error}); all frames are made anew"))
 
     def _take_over(self, path: Path) -> None:
         """Go on from a checkpoint of this version whose images and files are as they were."""
-        rows, state = unpack(read_bytes(path, "a checkpoint"), _MADE_BY)
+        rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
         if len(rows) > len(self.wanted):
             raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
         is_whole = len(rows) == len(self.wanted)
@@ -386,12 +400,16 @@ class SequenceRun:
         self.session, self.rows = session, rows
 
     def _image(self, index: int) -> Image:
+        if index < getattr(self.source, "stored", 0):
+            return read_frame_image(self.folder.frame_path(index))
         return self.source[index].left
 
     def _as_before(self, index: int, row: Row, is_whole: bool) -> Row:
         """The row of a pair, as its files have it; `InputError` unless pair and files are what they were."""
+        if index < getattr(self.source, "stored", 0):
+            return self._as_stored(index, row)
         pair = self._one(index)
-        is_same = row.index == index and row.input_hash == _input_hash(pair, self.session)
+        is_same = row.index == index and row.input_hash == input_hash(pair, self.session)
         if isinstance(row, SkippedPair):
             is_same &= not isinstance(pair, InputError) or row.skipped == str(pair)
         elif isinstance(pair, InputError):
@@ -404,36 +422,30 @@ class SequenceRun:
             raise changed(index)
         return row
 
+    def _as_stored(self, index: int, row: Row) -> Row:
+        """The row of a pair that is not to be had any more, as its files have it."""
+        if row.index != index:
+            raise changed(index)
+        if isinstance(row, FrameRecord) and row.complex_ is not None:
+            return find_row(self.folder, row, self.source.rig, is_whole=False)
+        return row
 
-def note_landmarks(sequence: SequenceRun) -> Path:
-    """Write what the map is made of besides the keyframes: landmarks, with frames by their indices.
+
+def input_hash(pair: StereoPair | InputError, session: Session) -> str:
+    """Hash all that a frame is made from besides the settings: the pair, and files that stages read.
 
     Parameters
     ----------
-    sequence : SequenceRun
-        A finished one.
+    pair : StereoPair or InputError
+        The pair, or why it cannot be read.
+    session : Session
+        With these stages.
 
     Returns
     -------
-    path
-        The file; it is not in the manifest yet.
+    str
+        64 hexadecimal digits.
     """
-    odometry, folder = sequence.session.odometry, sequence.folder
-    if isinstance(odometry, StereoOdometry):
-        indices = np.array([row.index for row in sequence.tracked], np.int64)
-        snapshot, rig = odometry.map.snapshot(), odometry.map.rig
-        snapshot = replace(snapshot, keyframe=indices[snapshot.keyframe])
-    else:
-        path = zip(sequence.tracked, sequence.session.trajectory.T_world_camera, strict=True)
-        poses = {row.index: T for row, T in path if row.is_keyframe and row.complex_ is not None}
-        frames = {index: read_frame(folder.frame_path(index)) for index in poses}
-        snapshot, rig = snapshot_of(frames, poses), sequence.session.rig
-    write_landmarks(folder.landmarks_path, snapshot, rig)
-    return folder.landmarks_path
-
-
-def _input_hash(pair: StereoPair | InputError, session: Session) -> str:
-    """Hash of all that a frame is made from besides the settings: the pair, and files that stages read."""
     key = hash_of(str(pair)) if isinstance(pair, InputError) else pair_hash(pair)
     prints = session.fingerprints
     return hash_of([key, prints]) if any(prints) else key

@@ -223,7 +223,7 @@ def journey(walk, state, drift, out=1500.0):
     world.xyz[first:] = world.xyz[first:] @ back[:3, :3].T + back[:3, 3]
     for k in range(start, len(world.keyframes)):
         moved = back @ world.keyframes[k].T_world_camera
-        world.keyframes[k] = replace(world.keyframes[k], T_world_camera=moved, is_start=False)
+        world.keyframes[k] = replace(world.keyframes[k], T_world_camera=moved, is_start=False, part=0)
     far = world.keyframes[start - 1].T_world_camera.copy()
     far[2, 3] += out
     world.keyframes[start - 1] = replace(world.keyframes[start - 1], T_world_camera=far)

@@ -19,8 +19,8 @@ from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
-# were merged, c loops, l landmarks of the loop that is being closed, q keyframes that are not settled, d 64-bit parts
-# of a descriptor.
+# were merged, c loops, j joins of parts of the map, b recordings but the first, l landmarks of the loop that is being
+# closed, q keyframes that are not settled, d 64-bit parts of a descriptor.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
@@ -32,10 +32,12 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "closures": ("<i8", ("c", 2)),
     "loops": ("<i8", ("e", 2)),
     "looped": ("<f8", ("e", 6, 6)),
+    "joins": ("<i8", ("j", 3)),
+    "begun": ("<i8", ("b",)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),
-    "keyframe_is_start": ("|b1", ("k",)),
+    "keyframe_part": ("<i8", ("k",)),
     "keyframe_observations": ("<i8", ("k",)),
     "landmark": ("<i8", ("s",)),
     "uv": ("<f8", ("s", 2)),
@@ -89,7 +91,7 @@ def map_state(map_: Map) -> dict[str, NDArray[Any]]:
         "landmark": row[columns["landmark"]],
         "keyframe_index": np.array([frame.index for frame in frames], np.int64),
         "keyframe_pose": np.array([frame.T_world_camera for frame in frames]).reshape(-1, 4, 4),
-        "keyframe_is_start": np.array([frame.is_start for frame in frames], np.bool_),
+        "keyframe_part": np.array([frame.part for frame in frames], np.int64),
         "keyframe_observations": np.array([len(frame.landmark) for frame in frames], np.int64),
         "xyz": np.delete(map_.xyz, gaps, axis=0),
         "descriptors": np.delete(map_.descriptors, gaps, axis=0),
@@ -130,14 +132,14 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
     map_.merged, map_.added = state["merged"], int(state["added"])
     map_.unsettled = set(state["unsettled"].tolist())
     ends = np.cumsum(state["keyframe_observations"])
-    map_.keyframes = []
+    map_.keyframes, parts = [], state["keyframe_part"].tolist()
     for k, index in enumerate(state["keyframe_index"].tolist()):
         rows = slice(ends[k] - state["keyframe_observations"][k], ends[k])
         map_.images.add_elsewhere(index, image_of)
         image = build_pyramid(image_of(index)) if k >= len(ends) - last else None
         landmark, uv, disparity, sigma = (state[name][rows] for name in ("landmark", "uv", "disparity", "sigma"))
-        T, is_start = state["keyframe_pose"][k], bool(state["keyframe_is_start"][k])
-        map_.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity, sigma, is_start))
+        T, is_start = state["keyframe_pose"][k], k > 0 and parts[k] != parts[k - 1]
+        map_.keyframes.append(Keyframe(index, T, image, landmark, uv, disparity, sigma, is_start, parts[k]))
     if len(state["loop_landmark"]):
         u, v, disparity, sigma = state["loop_seen"].T.copy()
         T, landmark, uv = state["loop_pose"], state["loop_landmark"], np.column_stack([u, v])
@@ -227,6 +229,19 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
     frame, earlier = state["loops"].T
     if (np.diff(frame) <= 0).any() or not ((earlier >= 0) & (earlier < frame) & (frame < count)).all():
         yield "a place was seen again at a frame that is none, or out of order"
+    yield from _wrong_parts(state)
+
+
+def _wrong_parts(state: Arrays) -> Iterator[str]:
+    count, part, begun = len(state["stamps"]), state["keyframe_part"], state["begun"]
+    if part.size and not (part[0] == 0 and part.min() == 0 and part.max() < count):
+        yield "a keyframe is in a part of the map that cannot be"
+    if (np.diff(begun) <= 0).any() or not ((begun > 0) & (begun <= count)).all():
+        yield "a recording begins with a frame that is none, or out of order"
+    frame, earlier, landmarks = state["joins"].T
+    is_right = (np.diff(frame) > 0).all() and ((earlier >= 0) & (earlier < frame) & (frame < count)).all()
+    if not (is_right and (landmarks > 0).all()):
+        yield "parts of the map became one at a frame that is none, or out of order"
 
 
 def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:
@@ -278,7 +293,9 @@ def _broken_path(state: Arrays, rig: Rig) -> Iterator[str]:
     path = state["keyframe_pose"][np.searchsorted(keyframes, state["anchors"])] @ state["anchored"]
     if np.abs(path[-1] - pose).max() > _ROUNDING * (1 + np.abs(pose).max()):
         yield "the last pose is not that of the path"
-    steps = [*np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1), np.linalg.norm(motion[:3, 3])]
+    apart = np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1)
+    apart[state["begun"][state["begun"] < len(path)] - 1] = 0  # anywhere
+    steps = [*apart, np.linalg.norm(motion[:3, 3])]
     if max(steps) > _LONGEST_STEP * rig.fx * rig.baseline / _NEAREST_TOTAL:
         yield "a step is farther than the camera sees"
 

@@ -22,6 +22,7 @@ from .back_end.loop_correction import LoopCorrection, LoopProblem, close_loop, n
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
+from .keyframes.parts import join_parts
 from .least_squares.bundle import Adjustment
 from .locating.locator import covariance_against_keyframe
 from .locating.path_covariance import Links
@@ -61,6 +62,9 @@ class LocalMapper:
         Loops closed: number of the frame, and that of the keyframe that it came back to.
     loops : Links
         Keyframes that saw an old place again, whether a loop was closed or not, against a keyframe there.
+    joins : list of (int, int, int)
+        Parts of the map that became one: number of the frame that joined them, that of the keyframe that it saw again,
+        and how many of its landmarks.
     unsolved : int
         Adjustments that had no solution.
     """
@@ -71,6 +75,7 @@ class LocalMapper:
         self.expected = self.unsolved = 0
         self.closures: list[tuple[int, int]] = []
         self.loops = Links.of_none()
+        self.joins: list[tuple[int, int, int]] = []
         self._worker = Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
         self._closing: Future[LoopCorrection | None] | None = None
@@ -146,11 +151,16 @@ class LocalMapper:
         loop = self._places.detect_loop(image, estimate, keypoints.uv, keypoints.descriptors)
         if loop is None:
             return estimate, None
-        again = replace(loop.estimate, disparity=measure(loop.estimate))
+        again, older = replace(loop.estimate, disparity=measure(loop.estimate)), self.map.keyframes[loop.place]
         self._note_loop(index, loop.place, again, spread)
+        is_join = older.part != self.map.keyframes[-1].part
+        if is_join:
+            self.joins.append((index, older.index, len(again)))
         if loop.drift <= self._places.loops.min_error:
+            if is_join:
+                self.map.keyframes = join_parts(self.map.keyframes, loop.place, len(self.map.keyframes) - 1)
             return self._places.merge_observations(again, estimate, spread), None
-        self.closures.append((index, self.map.keyframes[loop.place].index))
+        self.closures.append((index, older.index))
         return estimate, (again, self.map.landmark_id[again.landmark])
 
     def _note_loop(
@@ -244,6 +254,8 @@ class LocalMapper:
     def _take_over_loop(self, found: LoopCorrection | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""
         if found is None:
+            assert self.map.loop is not None
+            self.joins = [join for join in self.joins if join[0] != self.map.loop.index]
             self.map.loop = None
             self.unsolved += 1
         else:

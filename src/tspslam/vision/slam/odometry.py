@@ -220,6 +220,21 @@ class StereoOdometry:
             raise InputError(f"odometry: frame is {frame!r}, expected one of 0 to {len(self.path) - 1}")
         return self.path.covariance_from_start(int(frame), self.trajectory.T_world_camera, self.mapper.loops)
 
+    def begin(self) -> None:
+        """Begin a further recording with the next pair: it may be anywhere in the map, or in none of it.
+
+        Its first frame is looked up in the whole map, and becomes a keyframe. Where it is found, the path goes on
+        there. Else a new part of the map begins, whose origin it is, until a loop leads back to an earlier part.
+        """
+        if len(self.path):
+            self.path.pose = self.mapper.join(self.path.pose)
+            self.path.begin(is_instead=self.is_beginning)
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether a recording has begun that has no keyframe yet."""
+        return bool(self.path.begun) and self.map.keyframes[-1].index < self.path.begun[-1]
+
     def process(self, pair: StereoPair) -> Tracked:
         """Locate the next pair, and make it a keyframe where the map needs one.
 
@@ -252,13 +267,18 @@ class StereoOdometry:
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
         link = self._link(images, estimate)
         watch.lap("follow")
-        stereo = None
+        stereo, is_origin = None, False
         if self._wants_keyframe(estimate):
             estimate = self._join(estimate)
             watch.lap("wait")
+            is_first = self.is_beginning or not self.map.keyframes
             stereo = self._add_keyframe(images, estimate, watch)
+            is_origin = is_first and stereo is not None
+            if is_origin:
+                path.start()
+                self.mapper.joins += [] if estimate is None else [(len(path), link[0], len(estimate))]
         path.record(images.stamp, self.map, link)
-        return self._tracked(estimate, stereo, watch)
+        return self._tracked(estimate, stereo, watch, is_origin=is_origin)
 
     def _check(self, name: str, rig: Rig, stamp: float) -> None:
         if self._is_closed:
@@ -272,7 +292,9 @@ class StereoOdometry:
         """Pose of the left image, refined by disparities, with its covariance against a keyframe."""
         map_, settings, path = self.map, self.tracking.pose, self.path
         is_steady = path.is_motion_known and not path.is_gap(images.stamp)
-        if is_steady:
+        if self.is_beginning:
+            estimate = self._locator.look_up(images.left_image)
+        elif is_steady:
             estimate = self._locator.follow(images.left_image, predicted)
         else:
             last = path.last_found(map_)
@@ -297,9 +319,9 @@ class StereoOdometry:
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
-            return not self.map.keyframes or self.path.unplaced >= self.tracking.patience
+            return not self.map.keyframes or self.is_beginning or self.path.unplaced >= self.tracking.patience
         least = self.tracking.keyframe_share * self.mapper.expected * (_LATE if self.mapper.is_closing else 1)
-        return self.path.was_lost or len(estimate) < least
+        return self.path.was_lost or self.is_beginning or len(estimate) < least
 
     def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
         """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
@@ -324,21 +346,23 @@ class StereoOdometry:
             map_ = self.map
             return measure_disparities(map_.rig, images, again, map_.xyz, self._near, self._row_offset)
 
-        self.path.pose = self.mapper.add_keyframe(len(self.path), images, self.path.pose, estimate, stereo, measure)
+        T = np.eye(4) if self.is_beginning and estimate is None else self.path.pose
+        self.path.pose = self.mapper.add_keyframe(len(self.path), images, T, estimate, stereo, measure)
         self._row_offset = stereo.quality.vertical_offset_px
         watch.lap("map")
         return stereo
 
-    def _tracked(self, estimate: PoseEstimate | None, stereo: Stereo | None, watch: Stopwatch) -> Tracked:
-        """What is said of the last frame."""
+    def _tracked(
+        self, estimate: PoseEstimate | None, stereo: Stereo | None, watch: Stopwatch, *, is_origin: bool
+    ) -> Tracked:
+        """What is said of the last frame, which may be the first keyframe of its recording."""
         seen = self.map.keyframes[-1] if stereo is not None else estimate
-        is_first, is_lost = len(self.path) == 1, estimate is None and len(self.path) > 1
         return Tracked(
             T_world_camera=self.path.pose.copy(),
             covariance=self.path.covariance,
-            matches=self.mapper.expected if is_first else 0 if estimate is None else len(estimate),
+            matches=len(estimate) if estimate is not None else self.mapper.expected if is_origin else 0,
             is_keyframe=stereo is not None,
-            is_lost=is_lost,
+            is_lost=estimate is None and not is_origin,
             stereo=stereo,
             seconds=watch.seconds,
             landmark=np.empty(0, np.int64) if seen is None else self.map.landmark_id[seen.landmark],
@@ -380,6 +404,8 @@ class StereoOdometry:
             "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
             "loops": np.column_stack([mapper.loops.frame, mapper.loops.against]),
             "looped": mapper.loops.covariance,
+            "joins": np.array(mapper.joins, np.int64).reshape(-1, 3),
+            "begun": np.array(path.begun, np.int64),
             "row_offset": np.array(self._row_offset),
             "bias": np.array(mapper.bias.state),
         }
@@ -411,6 +437,8 @@ class StereoOdometry:
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         mapper.loops = Links(*state["loops"].T.copy(), state["looped"])
+        mapper.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
+        path.begun = state["begun"].tolist()
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
         if was_under_way:  # what was under way began from this very map

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,9 @@ class CameraPath:
         The same without those that showed nothing.
     was_lost : bool
         Whether the frame before the last one was.
+    begun : list of int
+        Numbers of the first keyframes of further recordings: what was seen before says nothing of their motion. While
+        the last one has none, that of its first frame.
     """
 
     def __init__(self) -> None:
@@ -41,6 +46,7 @@ class CameraPath:
         self._links, self._linked = Column(np.empty(0, np.int64)), Column(np.empty((0, 6, 6)))
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.unplaced, self.was_lost = 0, 0, False
+        self.begun: list[int] = []
 
     @property
     def stamps(self) -> FloatArray:
@@ -104,7 +110,24 @@ class CameraPath:
     @property
     def is_motion_known(self) -> bool:
         """Whether the last frames tell how the camera moves."""
-        return len(self) > 1 and self.lost == 0
+        return len(self) - self._first > 1 and self.lost == 0
+
+    @property
+    def _first(self) -> int:
+        """Number of the first frame of the recording."""
+        return self.begun[-1] if self.begun else 0
+
+    def begin(self, *, is_instead: bool) -> None:
+        """Begin a further recording with the next frame.
+
+        Parameters
+        ----------
+        is_instead : bool
+            Whether it takes the place of the last one, which never had a keyframe.
+        """
+        self.begun = [*self.begun[: len(self.begun) - is_instead], len(self)]
+        self.motion = np.eye(4)
+        self.lost, self.unplaced, self.was_lost = 0, 0, False
 
     def is_gap(self, stamp: float) -> bool:
         """Whether a frame comes so late that its motion may be another one than the last.
@@ -118,7 +141,7 @@ class CameraPath:
         -------
         bool
         """
-        usual = np.diff(self.stamps[-_LAST - 1 :])
+        usual = np.diff(self.stamps[max(self._first, len(self) - _LAST - 1) :])
         return bool(len(usual) and stamp - self.stamps[-1] > _GAP * np.median(usual))
 
     def predict(self, stamp: float) -> FloatArray:
@@ -133,7 +156,7 @@ class CameraPath:
         -------
         (4, 4) float64
         """
-        if len(self) < 2:
+        if len(self) - self._first < 2:
             return self.pose
         before, last = self.stamps[-2:].tolist()
         share = (stamp - last) / (last - before) if last > before else 1.0
@@ -151,7 +174,7 @@ class CameraPath:
         -------
         (4, 4) float64
         """
-        row = max(0, len(self) - 1 - self.lost)
+        row = max(self._first, len(self) - 1 - self.lost)
         holder = next(frame for frame in reversed(map_.keyframes) if frame.index == self.anchors[row])
         pose: FloatArray = holder.T_world_camera @ self.anchored[row]
         return pose
@@ -172,7 +195,14 @@ class CameraPath:
         self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
         pose = predicted if estimate is None else estimate.T_world_camera
         moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
-        self.motion, self.pose = normalised(inverse(self.pose) @ moved), pose
+        is_first = len(self) == self._first
+        self.motion, self.pose = np.eye(4) if is_first else normalised(inverse(self.pose) @ moved), pose
+
+    def start(self) -> None:
+        """Take the frame that is noted next for the first keyframe of its recording: nothing is lost before it."""
+        self.lost, self.unplaced, self.was_lost = 0, 0, False
+        if self.begun:
+            self.begun[-1] = len(self)
 
     def record(self, stamp: float, map_: Map, link: tuple[int, FloatArray]) -> None:
         """Note the last frame, relative to the last keyframe; frames of culled ones go to their replacements.
@@ -216,6 +246,35 @@ class CameraPath:
         keyframes = np.array([frame.index for frame in map_.keyframes], np.int64)
         poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
         return Trajectory(self.stamps.copy(), poses[np.searchsorted(keyframes, self.anchors)] @ self.anchored)
+
+    def origins(self, map_: Map) -> NDArray[np.int64]:
+        """Find the frame whose camera is the origin that each frame's pose is known in.
+
+        That is the first one of its recording, or of the earlier one that a part of the map joins it to. What was
+        tracked after a loss goes with what was before: where it stands to that is a guess, but one of the same path.
+
+        Parameters
+        ----------
+        map_ : Map
+            Its keyframes.
+
+        Returns
+        -------
+        (T,) int64
+            Numbers of frames; -1 while the last recording has no keyframe.
+        """
+        part_of = {frame.index: frame.part for frame in map_.keyframes}
+        parts = np.array([part_of[anchor] for anchor in self.anchors.tolist()], np.int64)
+        origin_of: dict[int, int] = {}
+        for first, end in pairwise([0, *self.begun, len(self)]):
+            before = None
+            for part in dict.fromkeys(parts[first:end].tolist()):
+                origin_of.setdefault(part, first if before is None else origin_of[before])
+                before = part
+        found = np.array([origin_of[part] for part in parts.tolist()], np.int64)
+        if self.begun and map_.keyframes[-1].index < self.begun[-1]:
+            found[self.begun[-1] :] = -1
+        return found
 
     def covariance_from_start(self, frame: int, poses: FloatArray, loops: Links) -> FloatArray:
         """Find the covariance of a frame's pose against the first one, by the steps to it and by loops.

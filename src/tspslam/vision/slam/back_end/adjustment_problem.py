@@ -170,7 +170,7 @@ def collect_problem(map_: Map, moving: Sequence[int], sigma_uv: float) -> Adjust
     map_ : Map
         Keyframes and landmarks.
     moving : sequence of int
-        Places of the keyframes, ascending; the first of them is held where no other is.
+        Places of the keyframes, ascending; of each part of the map that no other keyframe holds, the first is held.
     sigma_uv : float
         Standard deviation of a tracked point, px.
 
@@ -180,8 +180,11 @@ def collect_problem(map_: Map, moving: Sequence[int], sigma_uv: float) -> Adjust
         None where there is too little to adjust.
     """
     rows = np.unique(np.concatenate([map_.keyframes[k].landmark for k in moving]))
-    held = _holding(map_, moving, rows) or list(moving[:1])
-    places = [*held, *(k for k in moving if k not in held[:1])]
+    held = _holding(map_, moving, rows)
+    is_held = {map_.keyframes[k].part for k in held}
+    first = {map_.keyframes[k].part: k for k in reversed(moving)}
+    held += sorted(k for part, k in first.items() if part not in is_held)
+    places = [*held, *sorted(set(moving) - set(held))]
     return _problem(map_, [map_.keyframes[k] for k in places], rows, len(held), sigma_uv) if len(places) > 1 else None
 
 

@@ -14,6 +14,7 @@ from ....types import FloatArray, Rig
 from ...se3 import inverse, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
+from ..keyframes.parts import join_parts
 from ..keyframes.sightings import match_sights
 from ..least_squares.bundle import lens_of
 from ..least_squares.pose_graph import PoseEdges, optimise_poses
@@ -144,8 +145,8 @@ class LoopProblem(Brief):
         xyz = np.einsum("mij,mj->mi", move[:, :3, :3], self.xyz) + move[:, :3, 3]
         poses = normalised(motions @ np.stack([frame.T_world_camera for frame in frames]))
         for k in range(1, len(frames)):
-            frames[k] = replace(frames[k], T_world_camera=poses[k], is_start=frames[k].is_start and k <= older)
-        return LoopCorrection(frames, xyz, {frame.index for frame in frames[1:]})
+            frames[k] = replace(frames[k], T_world_camera=poses[k])
+        return LoopCorrection(join_parts(frames, older, len(frames) - 1), xyz, {frame.index for frame in frames[1:]})
 
     def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Pairs of keyframes and their information: of what the second one's sights tell, the share that they share."""

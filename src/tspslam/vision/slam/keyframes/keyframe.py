@@ -34,7 +34,9 @@ class Keyframe(Brief):
     sigma : (K,) float64
         Standard deviations of the disparities, px; of those that are not known, what they would have.
     is_start : bool
-        Whether the map began anew with it: its pose against the earlier ones is a guess.
+        Whether the map began anew with it: its pose against the one before is a guess.
+    part : int
+        Which part of the map it is in: how two parts stand to one another is a guess. The first keyframe is in part 0.
     """
 
     index: int
@@ -45,6 +47,7 @@ class Keyframe(Brief):
     disparity: FloatArray
     sigma: FloatArray
     is_start: bool = False
+    part: int = 0
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from ..tracking import Reference
 from .columns import Column
 from .images import KeyframeImages
 from .keyframe import Keyframe, Keypoints, MapSnapshot
+from .parts import part_seen
 from .settings import MapSettings
 from .sightings import Sightings
 
@@ -232,7 +233,8 @@ class Map:
         list of Reference
         """
         taken, found = np.empty(0, np.int64), []
-        for frame in reversed(self.keyframes[-self.settings.references :]):
+        last = self.keyframes[-self.settings.references :]
+        for frame in reversed([frame for frame in last if frame.part == last[-1].part]):
             new = ~np.isin(frame.landmark, taken)
             taken = np.concatenate([taken, frame.landmark])
             assert frame.image is not None
@@ -274,8 +276,9 @@ class Map:
         self.next_id += len(rows)
         uv = np.concatenate([old.uv, keypoints.uv[rows]])
         disparity = np.concatenate([old.disparity, keypoints.disparity[rows]])
-        is_start = bool(self.keyframes) and estimate is None
-        self.keyframes.append(Keyframe(index, T, images[0], landmark, uv, disparity, spread(uv), is_start))
+        part = part_seen(self.keyframes, self._sightings.of(old.landmark)[1])
+        is_start = bool(self.keyframes) and part != self.keyframes[-1].part
+        self.keyframes.append(Keyframe(index, T, images[0], landmark, uv, disparity, spread(uv), is_start, part))
         self.images.add(index, images[1])
         self.added += 1
         self._sightings.cover(len(self.xyz))
@@ -388,7 +391,7 @@ class Map:
         at, seen = self._sightings.of(frame.landmark)
         views = np.bincount(at, minlength=count)
         if (views > settings.min_views).sum() >= settings.redundant_share * count:
-            return next(other for other in range(k - 1, -1, -1) if other not in gone)
+            return next(o for o in range(k - 1, -1, -1) if o not in gone and self.keyframes[o].part == frame.part)
         numbers, shared = np.unique(seen, return_counts=True)
         older = [self._place(index) for index in numbers[shared / count >= settings.twin_share].tolist()]
         older = older[: bisect_left(older, k - self.window)]  # later ones are no place to come back to

@@ -24,6 +24,7 @@ from .uncertainty import Sources, pose_covariance
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
+_LEAST_PLACE = 2  # times the landmarks that prove a place: where a recording begins, nothing else says where that is
 _LEAST_MATCHES = 8  # that lead to a pose: P3P takes four; whether it is one, patches tell
 
 
@@ -101,6 +102,28 @@ class Locator:
             if best is not None and best.share >= self.settings.clear_share:
                 break
         return best
+
+    def look_up(self, image: PreparedImage) -> PoseEstimate | None:
+        """Find where in the whole map a recording begins, by its descriptors.
+
+        Nothing is known of where that is, and no second keyframe confirms it: so twice as many landmarks must agree as
+        prove a place (`LoopSettings.min_landmarks`), and as large a share as a pose needs alone (`lone_share`). Of 48
+        views of other worlds and streets none had 15.
+
+        Parameters
+        ----------
+        image : PreparedImage
+            The left image.
+
+        Returns
+        -------
+        PoseEstimate or None
+            Without disparities; None if no pose is believed.
+        """
+        found = self.places.relocalize(image.pyramid, *self._describe(image))
+        least = _LEAST_PLACE * self.places.loops.min_landmarks
+        is_sure = found is not None and len(found) >= least and found.share >= self.settings.lone_share
+        return found if is_sure else None
 
     def _choose(self, found: list[PoseEstimate]) -> PoseEstimate | None:
         return choose_widest(self.map_.rig, found, self.map_.xyz, self.settings)

@@ -302,16 +302,15 @@ class PlaceRecognition:
         Returns
         -------
         list of (int, float)
-            Keyframes with an image, none from before the map began anew; and how far, in m, the path may have drifted
+            Keyframes with an image, none of another part of the map; and how far, in m, the path may have drifted
             since.
         """
         loops, T = self.loops, estimate.T_world_camera
         poses, slack = self._older(estimate)
-        start, depth = self.index.last_start, self._depth(estimate)
+        depth = self._depth(estimate)
         away: FloatArray = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1)
         looks_alike = poses[:, :3, 2] @ T[:3, 2] >= np.cos(np.radians(loops.max_angle))
         near = np.isfinite(slack) & (away <= loops.max_distance * depth + slack) & looks_alike
-        near[:start] = False
         order = np.flatnonzero(near)[np.argsort(away[near], kind="stable")].tolist()
         left = (k for k in order if self._is_left(k, tracked) and self._is_in_view(k, T, tracked))
         return [(k, float(slack[k])) for k in islice(left, loops.candidates)]
@@ -338,7 +337,7 @@ class PlaceRecognition:
         Returns
         -------
         list of (int, float)
-            As `places_near`; infinite for those from before the map began anew: nobody knows how far away they are.
+            As `places_near`; infinite for those of another part of the map: nobody knows how far away they are.
         """
         poses, slack = self._older(estimate)
         places, words = self.index.query(self._sampled(descriptors), _ASKED)
@@ -357,7 +356,7 @@ class PlaceRecognition:
         count = max(0, len(poses) - self.map_.window)
         steps: FloatArray = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
         slack = loops.drift_slack * self._depth(estimate) + loops.drift_rate * np.cumsum(steps[::-1])[::-1][:count]
-        slack[: self.index.last_start] = np.inf
+        slack[self.index.is_elsewhere[:count]] = np.inf
         return poses[:count], slack
 
     def _depth(self, estimate: PoseEstimate) -> float:
@@ -417,7 +416,8 @@ class PlaceRecognition:
         away = _distance(found, estimate)
         if away > slack:
             return False
-        if away <= self.loops.max_distance * self._depth(found) or len(found) >= self.loops.sure_landmarks:
+        is_near = np.isfinite(slack) and away <= self.loops.max_distance * self._depth(found)
+        if is_near or len(found) >= self.loops.sure_landmarks:
             return True
         return self._is_confirmed(found, estimate, place)
 

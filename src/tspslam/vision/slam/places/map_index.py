@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ....types import FloatArray
+from ....types import BoolArray, FloatArray
 from ...features.binary import Descriptors
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
@@ -26,7 +26,7 @@ class MapIndex:
         self._held: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}  # rows and numbers of the landmarks
         self._frames: list[Keyframe] = []
         self._poses, self._number = np.zeros((0, 4, 4)), np.zeros(0, np.int64)
-        self._is_start = np.zeros(0, np.bool_)
+        self._part = np.zeros(0, np.int64)
 
     def __repr__(self) -> str:
         return f"MapIndex({self._index!r})"
@@ -38,10 +38,11 @@ class MapIndex:
         return self._poses[: len(self._frames)]
 
     @property
-    def last_start(self) -> int:
-        """Keyframe with which the map last began anew and that is not yet joined to the earlier ones; else 0."""
+    def is_elsewhere(self) -> BoolArray:
+        """Which keyframes are in another part of the map than the last one, (K,): how far away they are is a guess."""
         self._follow_poses()
-        return int(np.flatnonzero(self._is_start[: len(self._frames)]).max(initial=0))
+        part = self._part[: len(self._frames)]
+        return np.asarray(part != part[-1:])
 
     def query(self, descriptors: Descriptors, most: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Find the keyframes that share most with a view, of those before the last `MapSettings.references`.
@@ -69,11 +70,11 @@ class MapIndex:
         """Take over poses and numbers of the keyframes that are not the same objects as before."""
         frames, before = self._map.keyframes, self._frames
         self._poses, self._number = grown(self._poses, len(frames)), grown(self._number, len(frames))
-        self._is_start = grown(self._is_start, len(frames))
+        self._part = grown(self._part, len(frames))
         same = min(len(frames), len(before))
         for k in [k for k in range(same) if frames[k] is not before[k]] + list(range(same, len(frames))):
             frame = frames[k]
-            self._poses[k], self._number[k], self._is_start[k] = frame.T_world_camera, frame.index, frame.is_start
+            self._poses[k], self._number[k], self._part[k] = frame.T_world_camera, frame.index, frame.part
         self._frames = frames.copy()
 
     def _follow_words(self) -> None:

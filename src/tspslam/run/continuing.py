@@ -1,0 +1,233 @@
+"""A finished run gone on with: further recordings into its map."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._atomic import atomic_write, bad_output
+from .._checks import require_path
+from .._files import PathLike, bad_input, one_line, read_bytes
+from ..datasets.joined import JoinedSequence, Recording, StoredRecording, check_same_rig
+from ..errors import InputError
+from ..io import RunFolder, StoredRun, load_run, read_frame
+from ..io._places import is_of_a_run
+from ..io._settling import is_run_folder
+from ..io.lock import FolderLock
+from ..session import Session
+from ._checkpoint import unpack
+from ._stages import OnStep
+from .config import Resolved, resolve
+from .pipeline import Progress, RunResult, run, settings_of
+from .record import FrameRecord, Row
+from .sequence import MADE_BY, STATE_NAME, OnFrame, input_hash
+
+_OF_READERS = ("camera_lost", "frames_dropped", "frames_missed", "unpaired", "video_", "depth_")  # warnings by those who read pairs
+_FEWEST = 2  # frames of a run that has a path
+
+
+def run_into(
+    folder: PathLike, recordings: Sequence[Recording], given: Resolved | None = None, *,
+    progress: Progress | None = None, on_frame: OnFrame | None = None, on_step: OnStep | None = None,
+) -> RunResult:  # fmt: skip
+    """Go on with a finished run: track further recordings in its map, and make its results anew.
+
+    What comes of it is what one run of all recordings gives, byte for byte. It is made in a folder beside the run,
+    ``RUN-joining``, which takes its place when all is there: until then the run is as it was. The same call goes on
+    after a stop. Frames that the run has stored serve instead of its pairs.
+
+    Parameters
+    ----------
+    folder : path
+        The run.
+    recordings : sequence of sequences of pairs
+        What to add, of the same rig.
+    given : Resolved, optional
+        Settings: those that were given must be the run's; the run's by default.
+    progress, on_frame, on_step
+        As for `run`.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    InputError
+        If the run is not finished, of another version, of a single pair, or of part of its source; made with
+        ``--fix-offset``, with other settings (each is named) or of another rig; if a recording is in it already; or if
+        another process uses it.
+    OutputError
+        If something cannot be written.
+    """
+    require_path(folder, "into")
+    place = Path(folder).resolve()
+    work, before = place.with_name(f"{place.name}-joining"), place.with_name(f".{place.name}-before-joining")
+    _recover(place, work, before)
+    stored = load_run(place)
+    lock = FolderLock(place)
+    try:
+        resolved = _settings(place, given)
+        rows, parts = _parts(stored)
+        _refuse_again(parts, rows, recordings, resolved)
+        source = JoinedSequence([*parts, *recordings])
+        _bring(place, work, settings_of(source, None, resolved))
+        result = run(source, work, resolved, progress=progress, on_frame=on_frame, on_step=on_step)
+    finally:
+        lock.release()
+    _take_place(place, work, before)
+    return replace(result, folder=Path(folder))
+
+
+def _settings(place: Path, given: Resolved | None) -> Resolved:
+    """The run's settings; those that were given must be the same."""
+    own = resolve(file=place / "config.yaml")
+    values = own.values
+    for name, value in {} if given is None else given.values.items():
+        if given is not None and given.origin[name] != "default" and values.get(name) != value:
+            said = f"{name} was {values.get(name)!r} and is now {value!r}"
+            raise bad_input(place, said, "the settings of the run that is gone on with")
+    if own.settings.mapping.fix_offset:
+        way = "one without: tspslam run A B --fix-offset --out NEW makes both at once"
+        raise bad_input(place, "was made with --fix-offset: its frames are those of the shorter path", way)
+    return own
+
+
+def _parts(stored: StoredRun) -> tuple[list[Row], list[StoredRecording]]:
+    """The rows of a run, and its recordings."""
+    place, record = stored.path, stored.record
+    folder = RunFolder.open(place)
+    if "command" in folder.config or "per_frame" not in record:
+        raise bad_input(place, "is no run of pairs", "one of a sequence")
+    if record["frames"] < _FEWEST:
+        raise bad_input(place, "is a run of a single pair", "one of a sequence")
+    chosen = folder.config.get("source", {}).get("frames")
+    if chosen is not None and (chosen[0] != 0 or chosen[2] != 1):
+        raise bad_input(place, f"is of frames {chosen[0]}:{chosen[1]}:{chosen[2]} of its source", "frames from 0 on")
+    rows = _rows(folder)
+    rig = read_frame(folder.finished_frame(stored.stored[0])).rig
+    return rows, list(_recordings(record, rows, rig))
+
+
+def _rows(folder: RunFolder) -> list[Row]:
+    """Rows of the checkpoint of a run."""
+    path = folder.path / STATE_NAME
+    if STATE_NAME not in folder.units:
+        raise bad_input(folder.path, f"has no {STATE_NAME}", "a run whose path is from its pairs")
+    folder.check_unchanged(path)
+    try:
+        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)[0]
+    except InputError as error:
+        raise bad_input(path, f"cannot be gone on with ({error})", "the checkpoint of a run of this version") from error
+
+
+def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterator[StoredRecording]:
+    """The recordings of a run, as its record and its rows tell of them."""
+    alone = {"name": record["source"], "first": 0, "frames": record["frames"], "stamp_offset_s": 0.0}
+    warnings = tuple(one for one in record["warnings"] if one["code"].startswith(_OF_READERS))
+    for k, one in enumerate(record.get("recordings", [alone])):
+        own = [row for row in rows if one["first"] <= row.index < one["first"] + one["frames"]]
+        tracked = [row for row in own if isinstance(row, FrameRecord)]
+        stamps = [row.stamp if row.own_stamp is None else row.own_stamp for row in tracked] or [0.0]
+        ends = np.array([stamps[0], stamps[-1]])
+        yield StoredRecording(
+            one["name"], rig, one["frames"], ends, one["stamp_offset_s"], () if k else warnings,
+        )  # fmt: skip
+
+
+def _refuse_again(
+    parts: Sequence[StoredRecording], rows: Sequence[Row], recordings: Sequence[Recording], resolved: Resolved
+) -> None:
+    """Refuse a recording that is in the run already, by the hash of one of its pairs; and one of another rig."""
+    with Session(parts[0].rig, resolved.settings, keep=False) as session:
+        for recording in recordings:
+            check_same_rig(parts[0].rig, parts[0].name, recording.rig, recording.name)
+            for k, part in enumerate(parts):
+                start = sum(map(len, parts[:k]))
+                row = next((row for row in rows if row.index >= start and isinstance(row, FrameRecord)), None)
+                if row is None or row.index - start >= min(len(recording), len(part)):
+                    continue
+                if _hash_as(recording, row.index - start, row, part, k, session) == row.input_hash:
+                    said = f"is in the run already, as {part.name} (frame {row.index} is the same)"
+                    raise InputError(one_line(f"{recording.name}: {said}; expected another recording"))
+
+
+def _hash_as(
+    recording: Recording, index: int, row: FrameRecord, part: StoredRecording, k: int, session: Session
+) -> str | None:
+    """Hash of a pair if it were of a recording of the run; None if it cannot be read."""
+    try:
+        pair = recording[index]
+    except InputError:
+        return None
+    name = f"{part.name}/{pair.name}" if k else pair.name
+    return input_hash(replace(pair, index=row.index, stamp=pair.stamp + part.offset, name=name), session)
+
+
+def _bring(place: Path, work: Path, settings: dict[str, Any]) -> None:
+    """Bring what a run has stored of its frames, and its checkpoint, to the folder where it goes on."""
+    run_folder = RunFolder.open(place)
+    names = [name for name in run_folder.units if name.startswith("frames/")]
+    with RunFolder.create(work, settings) as folder:
+        if STATE_NAME in folder.units:
+            return
+        for name in (*sorted(names), STATE_NAME):  # the checkpoint counts once all is there
+            unit = run_folder.units[name]
+            if name not in folder.units:
+                _link(place / name, work / name)
+                folder.record(work / name, input_hash=unit.input)
+            if folder.units[name].sha256 != unit.sha256:
+                raise bad_input(place / name, "was changed since the run", "the file that the manifest lists")
+
+
+def _link(file: Path, target: Path) -> None:
+    """Give a file a second name, which costs no room; a copy where the disk cannot."""
+    try:
+        target.unlink(missing_ok=True)
+        os.link(file, target)
+    except OSError:
+        with open(file, "rb") as source, atomic_write(target) as copy:
+            shutil.copyfileobj(source, copy)
+
+
+def _recover(place: Path, work: Path, before: Path) -> None:
+    """Take up a change of places that was stopped in its middle."""
+    if not is_run_folder(before):
+        return
+    if not place.exists() and is_run_folder(work):
+        _rename(before, place)
+    elif is_run_folder(place):
+        _clear(before, place)
+
+
+def _take_place(place: Path, work: Path, before: Path) -> None:
+    """Put the new run in the place of the old one, which goes; what else lay in that folder stays in it."""
+    if before.exists():
+        raise bad_input(before, "is there", "a free name, for the run while its results change places")
+    _rename(place, before)
+    _rename(work, place)
+    _clear(before, place)
+
+
+def _rename(one: Path, other: Path) -> None:
+    try:
+        one.rename(other)
+    except OSError as error:
+        raise bad_output(other, error) from error
+
+
+def _clear(before: Path, place: Path) -> None:
+    """Remove a run that another has taken the place of, once the user's own files are in that one's folder."""
+    try:
+        for file in before.iterdir():
+            if not is_of_a_run(file.name) and not (place / file.name).exists():
+                file.rename(place / file.name)
+        shutil.rmtree(before)
+    except OSError as error:
+        raise bad_output(before, error) from error
