@@ -12,11 +12,11 @@ from typing import Any
 
 from ...errors import InputError
 from .mesh import StoredMesh, open_mesh
-from .tiles import LEAST_TILE
 
 Run = tuple[int, int]
 Work = Callable[[int, int, int], dict[str, Any]]
 _MOST_WORKERS = 1024
+_MOST_DEATHS = 8  # of workers over one run: its tiles are then 1/128 of what they were
 
 
 @contextlib.contextmanager
@@ -79,27 +79,27 @@ def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tupl
     Raises
     ------
     InputError
-        If a tile of 256 vertices still kills its worker.
+        If eight workers have died over a run, or one over a tile of one vertex.
     """
     distributed = _module("distributed")
 
-    def submit(run: Run, size: int) -> Any:
+    def submit(run: Run, size: int, deaths: int) -> Any:
         future = client.submit(work, *run, size, pure=False)
-        asked[future.key] = run, size
+        asked[future.key] = run, size, deaths
         return future
 
-    asked: dict[str, tuple[Run, int]] = {}
-    pending = distributed.as_completed([submit(run, tile) for run in runs])
+    asked: dict[str, tuple[Run, int, int]] = {}
+    pending = distributed.as_completed([submit(run, tile, 0) for run in runs])
     try:
         for future in pending:
-            run, size = asked.pop(future.key)
+            run, size, deaths = asked.pop(future.key)
             try:
                 row = future.result()
             except distributed.KilledWorker as error:
-                if size <= LEAST_TILE or size <= 1:
+                if size == 1 or deaths + 1 == _MOST_DEATHS:
                     said = f"rows {run[0]} to {run[1]} kill their worker even {size} vertices at a time"
                     raise InputError(f"{said}, expected a worker with more memory (--memory)") from error
-                pending.add(submit(run, max(min(size, run[1] - run[0]) // 2, 1)))
+                pending.add(submit(run, max(min(size, run[1] - run[0]) // 2, 1), deaths + 1))
                 continue
             yield row, run
     finally:

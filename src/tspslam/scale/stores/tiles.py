@@ -18,7 +18,7 @@ BASE_BYTES = 400 << 20
 """Of a process with NumPy, kernels and Dask, before a tile."""
 
 LEAST_TILE = 256
-"""Vertices of a tile that is not split again when it kills its worker."""
+"""Vertices; a memory that does not admit so many is refused."""
 
 _UNITS = {"": 1, "B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 _BYTES_PER_PIXEL = 24  # of an image with its luminance and its sums over rows
