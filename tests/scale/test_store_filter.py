@@ -100,7 +100,7 @@ def test_a_piece_keeps_the_order_of_the_whole(tmp_path):
     xyz, faces, uv = tangled(2, 120)
     store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, uv=uv, luminance=uv[:, 0]), chunk=10)
     for rings in (1, 2, 3):
-        piece = load_piece(store.mesh, 35, 50, rings)
+        piece = load_piece(store.mesh, 35, 50, rings, ("xyz",))
         own = store.read("id", 35, 50)
         assert (np.diff(piece.number) > 0).all()
         assert np.array_equal(piece.number[piece.own], own)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Collection
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,8 @@ class Piece(NamedTuple):
         Vertices of the piece that are the tile's, in the order of its rows.
     number : (N,) int64
         Numbers of the piece's vertices in the whole, ascending.
-    xyz : (N, 3) float64
-        Their places, m.
+    xyz : (N, 3) float64 or None
+        Their places, m, if they were asked for.
     uv : (N, 2) float64 or None
         Their places in the plane of the images.
     luminance : (N,) float64 or None
@@ -39,7 +40,7 @@ class Piece(NamedTuple):
     complex_: Complex
     own: NDArray[np.int64]
     number: NDArray[np.int64]
-    xyz: FloatArray
+    xyz: FloatArray | None
     uv: FloatArray | None
     luminance: FloatArray | None
 
@@ -47,7 +48,7 @@ class Piece(NamedTuple):
         return brief(self)
 
 
-def load_piece(store: StoredMesh, first: int, last: int, rings: int = 1) -> Piece:
+def load_piece(store: StoredMesh, first: int, last: int, rings: int, columns: Collection[str]) -> Piece:
     """Load rows of a store and the halo that responses over so many rings need.
 
     Parameters
@@ -55,9 +56,11 @@ def load_piece(store: StoredMesh, first: int, last: int, rings: int = 1) -> Piec
     store : StoredMesh
         The store.
     first, last : int
-        Rows of the tile.
+        Rows of the tile, at least one.
     rings : int
         How far the filter looks, in topological distance; 0 loads the rows and their faces alone.
+    columns : collection of str
+        What is asked for of the vertices: ``xyz``, ``uv``, ``luminance``.
 
     Returns
     -------
@@ -68,76 +71,74 @@ def load_piece(store: StoredMesh, first: int, last: int, rings: int = 1) -> Piec
     InputError
         If a chunk is damaged.
     """
-    faces, number = _faces_around(store, first, last, max(rings, 1))
-    outside = np.unique(faces[(faces < first) | (faces >= last)])
-    ids = np.concatenate([store.read("id", first, last), _gather(store, "id", outside)])
-    order = np.argsort(ids, kind="stable")
-    place = np.empty(len(ids), np.int32)
-    place[order] = np.arange(len(ids), dtype=np.int32)
-    columns = {
-        name: np.concatenate([store.read(name, first, last), _gather(store, name, outside)])[order]
-        for name in ("xyz", "uv", "luminance")
-        if name in store.arrays
-    }
-    local = np.where(faces < last, faces - first, 0)
-    is_outside = (faces < first) | (faces >= last)
-    local[is_outside] = last - first + np.searchsorted(outside, faces[is_outside])
-    complex_ = build_complex(place[local][np.argsort(number, kind="stable")], len(ids))
+    from . import _kernels
+
+    faces, order = _faces_around(store, first, last, max(rings, 1))
+    outside = np.unique(_kernels.rows_outside(faces, first, last))
+    number = _column(store, "id", first, last, outside)
+    visit = np.argsort(number, kind="stable")
+    place = np.empty(len(number), np.int32)
+    place[visit] = np.arange(len(number), dtype=np.int32)
+    local = _kernels.local_faces(faces, order, first, last, outside, place)
+    found = {name: _column(store, name, first, last, outside)[visit] for name in columns if name in store.arrays}
     own = place[: last - first].astype(np.int64)
-    return Piece(complex_, own, ids[order], columns["xyz"], columns.get("uv"), columns.get("luminance"))
+    return Piece(build_complex(local, len(number)), own, number[visit], *map(found.get, ("xyz", "uv", "luminance")))
 
 
-def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple[Rows, Rows]:
-    """Faces, by rows, with a corner within ``rings - 1`` of the tile's vertices, and their numbers; each once."""
+def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple[NDArray[Any], Rows]:
+    """Faces, by rows, with a corner within ``rings - 1`` of the tile's vertices; and their order, each once."""
+    from . import _kernels
+
     faces, number = _faces_of(store, np.arange(first, last))
     inner = np.empty(0, np.int64)  # vertices outside the tile whose faces are there
     for _ in range(rings - 1):
-        met = np.unique(faces[(faces < first) | (faces >= last)])
+        met = np.unique(_kernels.rows_outside(faces, first, last))
         new = np.setdiff1d(met, inner, assume_unique=True)
         if not len(new):
             break
         more, named = _faces_of(store, new)
-        faces, number = _once(np.concatenate([faces, more]), np.concatenate([number, named]))
+        faces, number = np.concatenate([faces, more]), np.concatenate([number, named])
         inner = met
-    return faces, number
-
-
-def _faces_of(store: StoredMesh, rows: Rows) -> tuple[Rows, Rows]:
-    """Faces that have a corner among some rows, ascending; each once."""
-    found, named = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    low, high = int(rows[0]), int(rows[-1]) + 1
-    is_run = high - low == len(rows)
-    for chunk in np.unique(rows // store.chunk).tolist():
-        begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
-        faces = store.read("face_rows", begin, end).astype(np.int64)
-        is_met = (faces >= low) & (faces < high)
-        if not is_run:
-            at = np.searchsorted(rows, faces[is_met])
-            is_met[is_met] = rows[at] == faces[is_met]
-        kept = is_met.any(axis=1)
-        found.append(faces[kept])
-        named.append(store.read("face_id", begin, end)[kept])
-    return _once(np.concatenate(found), np.concatenate(named))
-
-
-def _once(faces: Rows, number: Rows) -> tuple[Rows, Rows]:
-    """Faces by number, each once."""
     order = np.argsort(number, kind="stable")
     ordered = number[order]
     is_new = np.ones(len(order), bool)
     is_new[1:] = ordered[1:] != ordered[:-1]
-    return faces[order[is_new]], ordered[is_new]
+    return faces, order[is_new]
 
 
-def _gather(store: StoredMesh, column: str, rows: Rows) -> NDArray[np.generic]:
-    """Values of scattered rows, one chunk in memory at a time."""
-    array = store.arrays[column]
-    values = np.empty((len(rows), *array.shape[1:]), array.dtype)
-    chunk = store.chunk
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows // chunk)) + 1 if len(rows) else []):
-        if not len(run):
-            continue
-        begin, end = run[0], run[-1] + 1
-        low, high = int(rows[begin]), int(rows[end - 1]) + 1
-        values[begin:end] = store.read(column, low, high)[rows[begin:end] - low]
+def _faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
+    """Faces that have a corner among some rows, ascending, by chunk: one for each of its chunks among these."""
+    found, named = [], []
+    for chunk in np.unique(rows // store.chunk).tolist():
+        begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
+        faces, number = store.read("face_rows", begin, end), store.read("face_id", begin, end)
+        mine = rows[slice(*np.searchsorted(rows, [chunk * store.chunk, (chunk + 1) * store.chunk]))]
+        if len(mine) < min(store.chunk, store.n - chunk * store.chunk):
+            a, b, c = _are_among(faces, mine).T
+            faces, number = faces[a | b | c], number[a | b | c]
+        found.append(faces)
+        named.append(number)
+    return np.concatenate(found), np.concatenate(named)
+
+
+def _are_among(faces: NDArray[Any], rows: Rows) -> NDArray[np.bool_]:
+    """Which corners are among some rows, ascending."""
+    low, high = int(rows[0]), int(rows[-1]) + 1
+    within: NDArray[np.bool_] = (faces >= low) & (faces < high)
+    if high - low > len(rows):
+        named = faces[within]
+        within[within] = rows[np.searchsorted(rows, named)] == named
+    return within
+
+
+def _column(store: StoredMesh, name: str, first: int, last: int, outside: Rows) -> NDArray[Any]:
+    """Values of the tile's rows, then of those outside, of which one chunk is in memory at a time."""
+    array = store.arrays[name]
+    values = np.empty((last - first + len(outside), *array.shape[1:]), array.dtype)
+    values[: last - first] = store.read(name, first, last)
+    chunk, at = store.chunk, last - first
+    for run in np.split(outside, np.flatnonzero(np.diff(outside // chunk)) + 1) if len(outside) else ():
+        low, high = int(run[0]), int(run[-1]) + 1
+        values[at : at + len(run)] = store.read(name, low, high)[run - low]
+        at += len(run)
     return values

@@ -82,13 +82,13 @@ class ImageReference(Brief):
 
         return image_size(self.path) if self.rig is None else (self.rig.width, self.rig.height)
 
-    def places(self, xyz: FloatArray, uv: FloatArray | None) -> FloatArray:
+    def places(self, xyz: FloatArray | None, uv: FloatArray | None) -> FloatArray:
         """Where vertices fall in the image; each row depends on its own vertex alone, to the last bit.
 
         Parameters
         ----------
-        xyz : (N, 3) float64
-            Vertices, m.
+        xyz : (N, 3) float64 or None
+            Vertices, m; for an image with a camera.
         uv : (N, 2) float64 or None
             Theirs in the common plane, px; for an image without a camera.
 
@@ -100,12 +100,14 @@ class ImageReference(Brief):
         Raises
         ------
         InputError
-            If the image has no camera and there is no `uv`.
+            If what the image needs of them is not given.
         """
         if self.rig is None:
             if uv is None:
                 raise InputError(f"image {self.path}: has no camera, and the vertices no uv; expected one of them")
             return np.asarray(uv, np.float64) - self.corner
+        if xyz is None:
+            raise InputError(f"image {self.path}: has a camera, and the vertices no xyz; expected both")
         R, t = self.pose[:3, :3], self.pose[:3, 3]
         x, y, z = (np.asarray(xyz, np.float64) - t).T
         # No product of matrices: how it sums may depend on how many rows there are.

@@ -158,10 +158,17 @@ def filter_rows(store: StoredMesh, options: Options, first: int, last: int, tile
             missing.append(image)
         if pixels is None and (store.images or "luminance" not in store.arrays):
             continue
-        piece = load_piece(store, low, high, options.rings)
+        piece = load_piece(store, low, high, options.rings, _columns(store, image))
         response = _respond(store, piece, pixels, image, options)
         z[low - first : high - first], defined[low - first : high - first] = response
     return Answer(z, defined, tuple(sorted(set(missing))))
+
+
+def _columns(store: StoredMesh, image: int) -> tuple[str, ...]:
+    """What is needed of the vertices that are seen in an image, or in none."""
+    if image >= 0:
+        return ("uv",) if store.images[image].rig is None else ("xyz",)
+    return "luminance", "uv" if "uv" in store.arrays else "xyz"
 
 
 def _parts(store: StoredMesh, first: int, last: int, tile: int) -> Iterator[tuple[int, int, int]]:
@@ -178,8 +185,9 @@ def _respond(
 ) -> tuple[NDArray[np.complex128], BoolArray]:
     complex_ = piece.complex_
     if pixels is None:
-        uv = plane_of(piece.xyz) if piece.uv is None else piece.uv
         assert piece.luminance is not None
+        uv = piece.uv if piece.xyz is None else plane_of(piece.xyz)
+        assert uv is not None
         signals = spread_values(complex_, uv, piece.luminance)
     else:
         uv = store.images[image].places(piece.xyz, piece.uv)
