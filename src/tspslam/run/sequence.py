@@ -250,7 +250,7 @@ class SequenceRun:
     def _ready(self, index: int) -> _Arrived:
         """One pair made ready for the session, or why it cannot be read; and the hash of it."""
         pair = self._one(index)
-        key = _input_hash(pair, self.session)
+        key = input_hash(pair, self.session)
         return (pair if isinstance(pair, InputError) else self.session.prepare(pair)), key
 
     def _one(self, index: int) -> StereoPair | InputError:

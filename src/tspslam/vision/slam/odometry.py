@@ -436,7 +436,8 @@ class StereoOdometry:
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
-        mapper.loops = Links(*state["loops"].T.copy(), state["looped"])
+        frame, against = state["loops"].T.copy()
+        mapper.loops = Links(frame, against, state["looped"])
         mapper.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
         path.begun = state["begun"].tolist()
         self._row_offset = float(state["row_offset"])

@@ -1,0 +1,38 @@
+"""Compiled loops of the halo: rows of faces become vertices of a piece."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..._jit import kernel
+
+
+@kernel
+def rows_outside(faces, first, last):  # type: ignore[no-untyped-def]
+    """Rows that faces name beyond `first` to `last`, as they come, with repetitions."""
+    count = 0
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            count += faces[f, corner] < first or faces[f, corner] >= last
+    found = np.empty(count, np.int64)
+    count = 0
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            if faces[f, corner] < first or faces[f, corner] >= last:
+                found[count] = faces[f, corner]
+                count += 1
+    return found
+
+
+@kernel
+def local_faces(faces, order, first, last, outside, place):  # type: ignore[no-untyped-def]
+    """Faces in the order given, each row by its place: rows from `first` to `last` come first, then `outside`."""
+    found = np.empty((order.shape[0], 3), np.int32)
+    for f in range(order.shape[0]):
+        for corner in range(3):
+            row = faces[order[f], corner]
+            if first <= row < last:
+                found[f, corner] = place[row - first]
+            else:
+                found[f, corner] = place[last - first + np.searchsorted(outside, row)]
+    return found

@@ -1,0 +1,97 @@
+"""Zarr v3 behind the store: arrays cut into rows, a file a chunk, whole and with a checksum or refused."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..._atomic import bad_output
+from ..._files import bad_input, reason_of
+from ...errors import InputError
+
+EXPECTED = "a store of this version, whole: made by tspslam.scale.write_store or tspslam store"
+_CHECKSUM = 4  # bytes of CRC-32C after each chunk
+
+
+def zarr() -> Any:
+    """Return the module, of version 3; `InputError` says how to come by it."""
+    try:
+        module = importlib.import_module("zarr")
+        if int(module.__version__.split(".")[0]) < 3:
+            raise ImportError("an older one")
+    except ImportError as error:
+        raise InputError(
+            "zarr is not installed, or is older than 3.1, expected an installation of it: pip install 'tspslam[scale]'"
+        ) from error
+    return module
+
+
+def create(group: Any, name: str, shape: tuple[int, ...], dtype: DTypeLike, rows: int) -> Any:
+    """Create an array of chunks of so many rows: plain bytes, each chunk one file with its CRC-32C."""
+    codecs = importlib.import_module("zarr.codecs")
+    return group.create_array(
+        name, shape=shape, dtype=np.dtype(dtype), chunks=(max(rows, 1), *shape[1:]), compressors=[codecs.Crc32cCodec()],
+        filters=None, fill_value=0, chunk_key_encoding={"name": "default", "separator": "."},
+        config={"write_empty_chunks": True},
+    )  # fmt: skip
+
+
+def opened(path: Path, name: str, mode: str) -> Any:
+    """Open an array; a chunk of zeros is a file too."""
+    module = zarr()
+    with module.config.set({"array.write_empty_chunks": True}):
+        return module.open_array(str(path / name), mode=mode, zarr_format=3)
+
+
+def read(array: Any, first: int, last: int) -> NDArray[Any]:
+    """Rows `first` to `last`; a chunk that is damaged or cannot be read is refused by the array's name."""
+    try:
+        return np.asarray(array[first:last])
+    except (OSError, ValueError, RuntimeError) as error:
+        raise bad_input(folder_of(array), f"cannot be read ({reason_of(error)})", EXPECTED) from error
+
+
+def write(array: Any, first: int, values: NDArray[Any], *, is_synced: bool = False) -> None:
+    """Write rows from `first` on; if asked, they are on the disk when this returns."""
+    last = first + len(values)
+    try:
+        array[first:last] = values
+        for key in chunk_files(array, first, last) if is_synced else ():
+            descriptor = os.open(folder_of(array) / key, os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+    except OSError as error:
+        raise bad_output(folder_of(array), error) from error
+
+
+def folder_of(array: Any) -> Path:
+    """Folder of an array, as its store was named when it was opened."""
+    return Path(array.store.root) / array.path
+
+
+def chunk_files(array: Any, first: int, last: int) -> list[str]:
+    """Names of the files that rows `first` to `last` stand in."""
+    rows = array.chunks[0]
+    tail = ".0" * (array.ndim - 1)
+    return [f"c.{k}{tail}" for k in range(first // rows, -(-last // rows))]
+
+
+def check_whole(array: Any) -> None:
+    """Refuse an array of which a chunk's file is missing or has another size: Zarr would take zeros for it."""
+    folder = folder_of(array)
+    size = array.dtype.itemsize * int(np.prod(array.chunks)) + _CHECKSUM
+    try:
+        found = {entry.name: entry.stat().st_size for entry in os.scandir(folder)}
+    except OSError as error:
+        raise bad_input(folder, f"cannot be read ({reason_of(error)})", EXPECTED) from error
+    for name in chunk_files(array, 0, array.shape[0]):
+        if found.get(name) != size:
+            said = "is missing" if name not in found else f"has {found[name]} bytes where {size} go"
+            raise bad_input(folder / name, said, EXPECTED)

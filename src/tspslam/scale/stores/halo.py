@@ -1,0 +1,144 @@
+"""A tile with its halo: the rows of a tile, and as many rings around them as a filter looks at, found by topology."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._brief import brief
+from ...topology.complex import Complex, build_complex
+from ...types import FloatArray
+from .mesh import StoredMesh
+
+Rows = NDArray[np.int64]
+
+
+class Piece(NamedTuple):
+    """The part of a mesh that the responses of a tile depend on, numbered in the order of the whole.
+
+    Since vertices and faces keep their order, all sums over a neighbourhood run as they do in the whole mesh.
+
+    Attributes
+    ----------
+    complex_ : Complex
+        Of all faces that have a corner within ``rings - 1`` of the tile.
+    own : (n,) int64
+        Vertices of the piece that are the tile's, in the order of its rows.
+    number : (N,) int64
+        Numbers of the piece's vertices in the whole, ascending.
+    xyz : (N, 3) float64 or None
+        Their places, m, if they were asked for.
+    uv : (N, 2) float64 or None
+        Their places in the plane of the images.
+    luminance : (N,) float64 or None
+        Their own values.
+    """
+
+    complex_: Complex
+    own: NDArray[np.int64]
+    number: NDArray[np.int64]
+    xyz: FloatArray | None
+    uv: FloatArray | None
+    luminance: FloatArray | None
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+def load_piece(store: StoredMesh, first: int, last: int, rings: int, columns: Collection[str]) -> Piece:
+    """Load rows of a store and the halo that responses over so many rings need.
+
+    Parameters
+    ----------
+    store : StoredMesh
+        The store.
+    first, last : int
+        Rows of the tile, at least one.
+    rings : int
+        How far the filter looks, in topological distance; 0 loads the rows and their faces alone.
+    columns : collection of str
+        What is asked for of the vertices: ``xyz``, ``uv``, ``luminance``.
+
+    Returns
+    -------
+    Piece
+
+    Raises
+    ------
+    InputError
+        If a chunk is damaged.
+    """
+    from . import _kernels
+
+    faces, order = _faces_around(store, first, last, max(rings, 1))
+    outside = np.unique(_kernels.rows_outside(faces, first, last))
+    number = _column(store, "id", first, last, outside)
+    visit = np.argsort(number, kind="stable")
+    place = np.empty(len(number), np.int32)
+    place[visit] = np.arange(len(number), dtype=np.int32)
+    local = _kernels.local_faces(faces, order, first, last, outside, place)
+    found = {name: _column(store, name, first, last, outside)[visit] for name in columns if name in store.arrays}
+    own = place[: last - first].astype(np.int64)
+    return Piece(build_complex(local, len(number)), own, number[visit], *map(found.get, ("xyz", "uv", "luminance")))
+
+
+def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple[NDArray[Any], Rows]:
+    """Faces, by rows, with a corner within ``rings - 1`` of the tile's vertices; and their order, each once."""
+    from . import _kernels
+
+    faces, number = _faces_of(store, np.arange(first, last))
+    inner = np.empty(0, np.int64)  # vertices outside the tile whose faces are there
+    for _ in range(rings - 1):
+        met = np.unique(_kernels.rows_outside(faces, first, last))
+        new = np.setdiff1d(met, inner, assume_unique=True)
+        if not len(new):
+            break
+        more, named = _faces_of(store, new)
+        faces, number = np.concatenate([faces, more]), np.concatenate([number, named])
+        inner = met
+    order = np.argsort(number, kind="stable")
+    ordered = number[order]
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = ordered[1:] != ordered[:-1]
+    return faces, order[is_new]
+
+
+def _faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
+    """Faces that have a corner among some rows, ascending, by chunk: one for each of its chunks among these."""
+    found, named = [], []
+    for chunk in np.unique(rows // store.chunk).tolist():
+        begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
+        faces, number = store.read("face_rows", begin, end), store.read("face_id", begin, end)
+        mine = rows[slice(*np.searchsorted(rows, [chunk * store.chunk, (chunk + 1) * store.chunk]))]
+        if len(mine) < min(store.chunk, store.n - chunk * store.chunk):
+            a, b, c = _are_among(faces, mine).T
+            faces, number = faces[a | b | c], number[a | b | c]
+        found.append(faces)
+        named.append(number)
+    return np.concatenate(found), np.concatenate(named)
+
+
+def _are_among(faces: NDArray[Any], rows: Rows) -> NDArray[np.bool_]:
+    """Which corners are among some rows, ascending."""
+    low, high = int(rows[0]), int(rows[-1]) + 1
+    within: NDArray[np.bool_] = (faces >= low) & (faces < high)
+    if high - low > len(rows):
+        named = faces[within]
+        within[within] = rows[np.searchsorted(rows, named)] == named
+    return within
+
+
+def _column(store: StoredMesh, name: str, first: int, last: int, outside: Rows) -> NDArray[Any]:
+    """Values of the tile's rows, then of those outside, of which one chunk is in memory at a time."""
+    array = store.arrays[name]
+    values = np.empty((last - first + len(outside), *array.shape[1:]), array.dtype)
+    values[: last - first] = store.read(name, first, last)
+    chunk, at = store.chunk, last - first
+    for run in np.split(outside, np.flatnonzero(np.diff(outside // chunk)) + 1) if len(outside) else ():
+        low, high = int(run[0]), int(run[-1]) + 1
+        values[at : at + len(run)] = store.read(name, low, high)[run - low]
+        at += len(run)
+    return values
