@@ -27,7 +27,8 @@ from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
 from .locating.path_covariance import Links
 from .path import CameraPath
-from .places.loop_closing import LoopSettings, PlaceRecognition
+from .places.loop_closing import PlaceRecognition
+from .places.settings import LoopSettings
 from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
@@ -410,7 +411,8 @@ class StereoOdometry:
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
-        mapper.loops = Links(*state["loops"].T.copy(), state["looped"])
+        frame, earlier = state["loops"].T.copy()
+        mapper.loops = Links(frame, earlier, state["looped"])
         self._row_offset = float(state["row_offset"])
         mapper.restore_bias(tuple(state["bias"].tolist()))
         if was_under_way:  # what was under way began from this very map
