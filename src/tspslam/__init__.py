@@ -125,7 +125,7 @@ if TYPE_CHECKING:
     from .vision.slam.keyframes.settings import MapSettings as MapSettings
     from .vision.slam.odometry import StereoOdometry as StereoOdometry
     from .vision.slam.odometry import Tracking as Tracking
-    from .vision.slam.places.loop_closing import LoopSettings as LoopSettings
+    from .vision.slam.places.settings import LoopSettings as LoopSettings
     from .vision.slam.pose import Tracked as Tracked
     from .vision.slam.tracking import TrackingSettings as TrackingSettings
     from .vision.stereo.dense import cloud_from_depth as cloud_from_depth
@@ -182,7 +182,7 @@ _HOMES = {
     "vision.slam.tracking": ("TrackingSettings",),
     "vision.slam.keyframes.settings": ("MapSettings",),
     "vision.slam.keyframes.keyframe": ("MapSnapshot",),
-    "vision.slam.places.loop_closing": ("LoopSettings",),
+    "vision.slam.places.settings": ("LoopSettings",),
     "vision.calibration.formats.own": ("load_rig",),
     "vision.calibration.rectify": ("rectification",),
     "topological_map": ("TopologicalMap",),

@@ -14,7 +14,8 @@ from tspslam.vision.images import build_pyramid, grey_levels
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.keyframes.settings import MapSettings
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
-from tspslam.vision.slam.places.loop_closing import LoopSettings, PlaceRecognition
+from tspslam.vision.slam.places.loop_closing import PlaceRecognition
+from tspslam.vision.slam.places.settings import LoopSettings
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings
 

@@ -18,10 +18,9 @@ from .loop_maps import NOISE, copy_map, cost, error, looped
 
 
 def closed(world):
-    problem = LoopProblem.of(world, NOISE)
-    motions = problem.solve()
-    close_loop(world, problem.moved(motions), 1.0)
-    return motions
+    found = LoopProblem.of(world, NOISE).solve()
+    close_loop(world, found, 1.0)
+    return found.motions
 
 
 def poses(world):
@@ -72,7 +71,7 @@ def test_landmarks_go_with_the_keyframe_that_first_saw_them_and_those_of_both_en
     assert world.loop is None
     assert np.isin(again, world.keyframes[-1].landmark).all()
     assert len(np.unique(world.keyframes[-1].landmark)) == len(world.keyframes[-1].landmark)
-    assert world.unsettled == {frame.index for frame in world.keyframes[1:]}
+    assert world.unsettled <= {frame.index for frame in world.keyframes[1:]}
     assert {k for k, _ in world.covisible(59)} >= {0, 1, 58}
 
 
@@ -144,9 +143,19 @@ def settle(world):
     return costs, most
 
 
+def test_keyframes_whose_sights_stay_are_left_as_they_are():
+    """Each of 120 steps takes its share of the loop's error: of millimetres nothing is felt, of metres it is."""
+    for turn, shift, is_felt in ((1e-5, 1e-4, False), (5e-3, 0.05, True)):
+        world, _ = looped(120, turn=turn, shift=shift)
+        closed(world)
+        assert (len(world.unsettled) > 60) == is_felt
+        assert is_felt or not world.unsettled
+
+
 def test_the_map_settles_piece_by_piece_and_the_cost_falls():
     world, _ = looped(120)
     closed(world)
+    world.unsettled = {frame.index for frame in world.keyframes[1:]}
     window = len(window_of(world))
     before = len(world.unsettled)
     world.unsettled.discard(world.keyframes[-1].index)

@@ -27,7 +27,8 @@ from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
 from .locating.path_covariance import Links
 from .path import CameraPath
-from .places.loop_closing import LoopSettings, PlaceRecognition
+from .places.loop_closing import PlaceRecognition
+from .places.settings import LoopSettings
 from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
@@ -436,8 +437,8 @@ class StereoOdometry:
         path.pose, path.motion = state["poses"]
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
-        frame, against = state["loops"].T.copy()
-        mapper.loops = Links(frame, against, state["looped"])
+        frame, earlier = state["loops"].T.copy()
+        mapper.loops = Links(frame, earlier, state["looped"])
         mapper.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
         path.begun = state["begun"].tolist()
         self._row_offset = float(state["row_offset"])

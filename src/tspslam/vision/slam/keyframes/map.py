@@ -23,6 +23,7 @@ from .columns import Column
 from .images import KeyframeImages
 from .keyframe import Keyframe, Keypoints, MapSnapshot
 from .parts import part_seen
+from .redundancy import find_replacement
 from .settings import MapSettings
 from .sightings import Sightings
 
@@ -360,10 +361,12 @@ class Map:
         turn it is: then no keyframe that is added pays for many.
         """
         frames, gone = self.keyframes, list[int]()
-        for k in self._seen_by_the_window():
-            if turn is not None and not self._is_due(k, turn):
-                continue
-            other = None if k == 0 or frames[k].is_start else self._replacement(k, gone)
+        known: dict[str, Any] = {
+            "sightings": self._sightings, "xyz": self.xyz, "window": self.window, "settings": self.settings
+        }  # fmt: skip
+        due = [k for k in self._seen_by_the_window() if turn is None or self._is_due(k, turn)]
+        for k in due:
+            other = None if k == 0 or frames[k].is_start else find_replacement(frames, k, gone, **known)
             if other is not None:
                 gone.append(k)
                 self._sightings.drop(frames[k].landmark, frames[k].index)
@@ -384,27 +387,6 @@ class Map:
         """Keyframes before the window that see a landmark of it: others have not changed."""
         before = len(self.keyframes) - max(self.window, self.settings.references)
         return [k for k in self.seen_by(self._in_window()) if k < before]
-
-    def _replacement(self, k: int, gone: list[int]) -> int | None:
-        """Which older keyframe can stand for one, if that can go."""
-        frame, settings, count = self.keyframes[k], self.settings, len(self.keyframes[k].landmark)
-        at, seen = self._sightings.of(frame.landmark)
-        views = np.bincount(at, minlength=count)
-        if (views > settings.min_views).sum() >= settings.redundant_share * count:
-            return next(o for o in range(k - 1, -1, -1) if o not in gone and self.keyframes[o].part == frame.part)
-        numbers, shared = np.unique(seen, return_counts=True)
-        older = [self._place(index) for index in numbers[shared / count >= settings.twin_share].tolist()]
-        older = older[: bisect_left(older, k - self.window)]  # later ones are no place to come back to
-        return next(iter(self._twins(frame, older)), None)
-
-    def _twins(self, frame: Keyframe, places: list[int]) -> list[int]:
-        """Keyframes, of some, that look from about where another does, the same way."""
-        T, settings = frame.T_world_camera, self.settings
-        others = np.array([self.keyframes[k].T_world_camera for k in places]).reshape(-1, 4, 4)
-        near = settings.twin_distance * np.median((self.xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
-        is_near = np.linalg.norm(others[:, :3, 3] - T[:3, 3], axis=1) < near
-        looks_alike = others[:, :3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))
-        return [places[i] for i in np.flatnonzero(is_near & looks_alike)]
 
     def merge_landmarks(self, landmark: NDArray[np.int64], other: NDArray[np.int64]) -> None:
         """Make pairs of landmarks one each; the first of a pair stays where it is, and so does its number.
