@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._jit import inlined, kernel, reassociated_kernel
+from ._gradients import gradient_products
 
 Levels = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
@@ -81,19 +82,10 @@ def peaks(score: Levels, y: int, peak: Levels) -> None:
 
 
 @reassociated_kernel
-def harris(image: Levels, y: int, x: int) -> np.float32:
-    """Harris response over a block of 7 x 7 px, per pixel; central differences."""
-    xx, xy, yy = np.float32(0), np.float32(0), np.float32(0)
-    for dy in range(-_BLOCK, _BLOCK + 1):
-        first, last = x - _BLOCK, x + _BLOCK + 1
-        above, below = image[y + dy - 1, first:last], image[y + dy + 1, first:last]
-        here = image[y + dy, first - 1 : last + 1]
-        for k in range(2 * _BLOCK + 1):
-            gx = np.float32(here[k + 2]) - np.float32(here[k])
-            gy = np.float32(below[k]) - np.float32(above[k])
-            xx += gx * gx
-            xy += gx * gy
-            yy += gy * gy
+def harris(flat: Levels, start: int, stride: int) -> np.float32:
+    """Harris response over a block of 7 x 7 px whose first is at `start`, per pixel; central differences."""
+    sums = gradient_products(flat, start, stride)
+    xx, xy, yy = np.float32(sums[0]), np.float32(sums[1]), np.float32(sums[2])  # below 2²⁴: exact
     return (xx * yy - xy * xy - _HARRIS * (xx + yy) * (xx + yy)) / np.float32(2401)
 
 
@@ -103,18 +95,36 @@ def find_corners(image: Levels, threshold: int, margin: int) -> tuple[Int64, Flo
     height, width = image.shape
     score, peak = np.zeros((height, width), np.uint8), np.zeros(width, np.uint8)
     segment_scores(image, threshold, margin, score)
-    most = (height * width) // 2  # no two peaks touch along a row
+    flat, most = image.ravel(), (height * width) // 2  # no two peaks touch along a row
     xy, strength = np.empty((most, 2), np.int64), np.empty(most, np.float32)
     count = 0
     for y in range(margin, height - margin):
         peaks(score, y, peak)
         for x in range(margin, width - margin):
             if peak[x] > 0:
-                response = harris(image, y, x)
+                response = harris(flat, (y - _BLOCK) * width + x - _BLOCK, width)
                 if response > 0:
                     xy[count, 0], xy[count, 1], strength[count] = x, y, response
                     count += 1
     return xy[:count].copy(), strength[:count].copy()
+
+
+@kernel
+def order_by_key(key: NDArray[np.uint32]) -> Int64:
+    """Rows in the order of their keys, of equal ones the first first: sorted by 11 bits of the key after the others."""
+    order, after = np.arange(len(key)), np.empty(len(key), np.int64)
+    for shift in (0, 11, 22):
+        begin = np.zeros(2049, np.int64)
+        for k in range(len(key)):
+            begin[((key[k] >> np.uint32(shift)) & np.uint32(2047)) + 1] += 1
+        for digit in range(2048):
+            begin[digit + 1] += begin[digit]
+        for row in order:
+            digit = (key[row] >> np.uint32(shift)) & np.uint32(2047)
+            after[begin[digit]] = row
+            begin[digit] += 1
+        order, after = after, order
+    return order
 
 
 @kernel

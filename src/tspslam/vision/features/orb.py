@@ -122,7 +122,7 @@ class OrbDetector(Checked, what="orb"):
         """ORB's descriptors of the blurred octaves."""
         import cv2
 
-        scale = self.scale_factor ** corners.octave.astype(np.float64)
+        scale = _scales(corners, self.scale_factor)
         # OpenCV places a keypoint at its level coordinates times the scale.
         places = corners.xy * scale[:, None]
         columns = places[:, 0], places[:, 1], scale * _PATCH, np.degrees(angle), corners.strength, corners.octave
@@ -171,5 +171,12 @@ def _orientations(planes: list[NDArray[np.uint8]], corners: _Corners) -> NDArray
 
 def _full_size(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
     """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
-    scale = scale_factor ** corners.octave.astype(np.float64)[:, None]
+    scale = _scales(corners, scale_factor)[:, None]
     return corners.xy * scale + (scale - 1) / 2
+
+
+def _scales(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
+    """Scale of each corner's octave; powers take long for many corners, and octaves are few."""
+    octaves = np.arange(corners.octave.max(initial=0) + 1, dtype=np.float64)
+    scales: NDArray[np.float64] = (scale_factor**octaves)[corners.octave]
+    return scales

@@ -96,7 +96,8 @@ def no_features(size: int, dtype: type[np.uint8] | type[np.float32]) -> Features
 
 
 def _strongest_first(strength: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Stable order by falling strength; bits of positive floats sort as integers, with the row below them."""
-    falling = np.uint64(0xFFFFFFFF) - strength.view(np.uint32).astype(np.uint64)
-    keys = np.sort((falling << np.uint64(32)) | np.arange(len(strength), dtype=np.uint64))
-    return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    """Stable order by falling strength: bits of positive floats sort as integers."""
+    from ._corners import order_by_key
+
+    order: NDArray[np.int64] = order_by_key(np.uint32(0xFFFFFFFF) - strength.view(np.uint32))
+    return order
