@@ -97,7 +97,7 @@ def number_edges(
 
 def find_stars(
     n: int, edges: Index, has_face: BoolArray, faces: Index, face_edges: Index
-) -> tuple[Index, Index]:  # fmt: skip
+) -> tuple[Index, Index, Index]:
     """CSR rows of the vertices, edges and faces around each vertex, as `_stars.fill_stars` orders them.
 
     Parameters
@@ -116,6 +116,8 @@ def find_stars(
     start : (n + 1,) int32
     rows : (start[n],) int32
         Edges counted from n on, faces from n + E on.
+    levels : (n, 2) int32
+        Where the edges of each row begin, and where its faces do.
     """
     shift, buckets = _grid(n)
     first = (0, n, n + len(edges))
@@ -124,13 +126,13 @@ def find_stars(
         faces, face_edges, shift, buckets
     )
     begin = np.concatenate([[0], np.cumsum(lengths + 2 * np.diff(corners[0]))])
-    start, rows = np.empty(n + 1, np.int32), np.empty(begin[-1], np.int32)
+    start, rows, levels = np.empty(n + 1, np.int32), np.empty(begin[-1], np.int32), np.empty((n, 2), np.int32)
     start[np.arange(buckets, dtype=np.int64) << shift], start[n] = begin[:-1], begin[-1]
     ranges, around = _ranges(begin), (*above, lower)
     _at_once(
-        lambda k: _stars.fill_stars(ranges[k], shift, first, edges, has_face, around, corners, start, rows), len(ranges)
+        lambda k: _stars.fill_stars(ranges[k], shift, first, edges, has_face, around, corners, start, levels, rows), len(ranges)
     )
-    return start, rows
+    return start, rows, levels
 
 
 def _spread_edges(

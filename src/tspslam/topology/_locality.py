@@ -5,12 +5,14 @@ Results do not depend on the order of the visit; only the time does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import inlined, kernel
+from .._threads import in_halves
 from ..types import FloatArray
 
 PER_CELL = 16  # vertices in a cell of the grid, about
@@ -79,3 +81,8 @@ def visits(uv: FloatArray, *firsts: NDArray[np.uint32]) -> tuple[Any, ...]:
         return False, *(np.arange(length, dtype=np.uint32) for length in (n, *map(len, firsts)))
     cells, count = cells_of(uv)
     return True, *(order_by_cell(cells, count, first) for first in (np.arange(n, dtype=np.uint32), *firsts))
+
+
+def in_parts(function: Callable[[slice], None], count: int) -> None:
+    """Call `function` on all that is to be visited, or if that is much on both halves, at a time."""
+    in_halves(function, count, FEW + 1)

@@ -162,22 +162,28 @@ class Complex(Brief):
         return marked
 
     @cached_property
-    def stars(self) -> Rows:
-        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+    def around(self) -> tuple[Index, Index, Index]:
+        """The two arrays of the stars, and where the edges and the faces of each begin, (n, 2)."""
         from . import _construction
 
-        return Rows(*_construction.find_stars(self.n, self.edges, self.has_face, self.faces, self.face_edges))
+        return _construction.find_stars(self.n, self.edges, self.has_face, self.faces, self.face_edges)
+
+    @property
+    def stars(self) -> Rows:
+        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+        return Rows(*self.around[:2])
 
     def _level(self, level: int) -> Rows:
         """The neighbours of one level, in arrays of their own."""
         from . import _stars
 
-        first = np.cumsum([0, self.n, len(self.edges), len(self.faces)])
-        start, rows = self.stars
+        start, rows, levels = self.around
+        bounds = start[:-1], *levels.T, start[1:]
         at_edges, at_faces = 2 * len(self.edges), self.face_edges.size
         size = (at_edges, len(rows) - at_edges - at_faces, at_faces)[level]
+        first = (0, self.n, self.n + len(self.edges))[level]
         kept_start, kept = np.empty(self.n + 1, np.int32), np.empty(size, np.int32)
-        _stars.take_level(start, rows, first[level], first[level + 1], kept_start, kept)
+        _stars.take_level(bounds[level], bounds[level + 1], rows, first, kept_start, kept)
         return Rows(kept_start, kept)
 
     def neighbours(self) -> Neighbours:

@@ -21,6 +21,8 @@ _HIGHEST = 1000  # order: cost grows with it, and no neighbourhood samples an an
 LARGEST_BANK = 1 << 32
 """Bytes of responses that are still computed."""
 
+_LINE = 64  # bytes that come from memory together
+
 _CENTERINGS = ("none", "mean", "harmonic", "plane")
 
 
@@ -206,7 +208,13 @@ def _filter(
     if rings is None:
         start, rows = complex_.stars
         is_far, visit = _locality.visits(elements[: complex_.n, :2])
-        _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, z, defined)
+        numbers = rows.view(np.uint32)  # no wrap-around checks
+        _locality.in_parts(
+            lambda part: _harmonics.filter_one_ring(
+                visit[part], is_far, start, numbers, elements, order, mode, z, defined
+            ),
+            complex_.n,
+        )  # fmt: skip
     else:
         near = (complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)
@@ -222,7 +230,7 @@ def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
         ("edge", signals.edge_uv, signals.edge, signals.edge_ok),
         ("face", signals.face_uv, signals.face, signals.face_ok),
     )
-    elements = np.empty((sum(len(level[-1]) for level in levels), 4))
+    elements = _aligned(sum(len(level[-1]) for level in levels), 4)
     first = 0
     for level, places, values, ok in levels:
         one = values if values.ndim == 1 else values[:, channel]
@@ -231,6 +239,14 @@ def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
             raise InputError(f"tmahf: {level} {bad} has a signal, but its value or position is not finite")
         first += len(ok)
     return elements
+
+
+def _aligned(*shape: int) -> FloatArray:
+    """An empty array that begins with a cache line."""
+    size = int(np.prod(shape))
+    held = np.empty(size + _LINE // 8)
+    first = -held.ctypes.data % _LINE // 8
+    return held[first : first + size].reshape(shape)
 
 
 def _plain(values: NDArray[Any]) -> FloatArray:
