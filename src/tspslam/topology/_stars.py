@@ -117,11 +117,13 @@ def fill_stars(buckets, shift, first, edges, has_face, above, corners, start, le
 
 
 @kernel
-def take_level(begin, stop, rows, first, out_start, out):  # type: ignore[no-untyped-def]
-    """Copy the part of each row from `begin` to `stop`, counted from `first`: one level of the neighbourhoods."""
+def take_level(start, levels, rows, level, first, out_start, out):  # type: ignore[no-untyped-def]
+    """Copy one level of the neighbourhoods, 0 to 2, counted from `first`."""
     count, out_start[0] = 0, 0
-    for i in range(begin.shape[0]):
-        for p in range(begin[i], stop[i]):
+    for i in range(levels.shape[0]):
+        begin = start[i] if level == 0 else levels[i, level - 1]
+        stop = start[i + 1] if level == 2 else levels[i, level]
+        for p in range(begin, stop):
             out[count] = rows[p] - first
             count += 1
         out_start[i + 1] = count
