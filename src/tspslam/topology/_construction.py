@@ -1,6 +1,6 @@
 """A complex from its faces, and what is around each vertex: sorted bucket by bucket, large ones by two threads.
 
-Both walk over the input and append to buckets of vertices in a row, then work on one bucket at a time, which fits in the
+Each pass goes over the input and appends to buckets of vertices, then works on one bucket at a time, which fits in the
 cache: time grows little more than the input, in whatever order the vertices come. The order of what is appended does
 not depend on the number of threads.
 """
@@ -53,9 +53,9 @@ def sort_faces(triples: IntArray, n: int) -> tuple[Index, list[NDArray[np.int64]
 
 
 def number_edges(
-    n: int, faces: Index, counts: list[NDArray[np.int64]], extra: Index, *, has_repeats: bool = True
-) -> tuple[Index, Index] | None:
-    """Edges in lexicographic order and those of each face; None if faces may be repeated, and that was not excluded.
+    n: int, faces: Index, counts: list[NDArray[np.int64]], extra: Index
+) -> tuple[Index, Index, bool]:  # fmt: skip
+    """Edges in lexicographic order and those of each face, and whether faces may be repeated.
 
     Parameters
     ----------
@@ -65,13 +65,12 @@ def number_edges(
         As `sort_faces` gives them.
     extra : (M, 2) int32
         Edges that stand alone, i < j.
-    has_repeats : bool
-        Whether faces may be equal.
 
     Returns
     -------
     edges : (E, 2) int32
     face_edges : (F, 3) int32
+    may_repeat : bool
     """
     shift, buckets = _grid(n)
     parts, alone = _parts(len(faces)), np.bincount(extra[:, 0] >> shift, minlength=buckets)
@@ -83,8 +82,6 @@ def number_edges(
     repeated = _at_once(
         lambda k: _kernels.number_sides(ranges[k], n, starts, shift, sides, ranks, distinct), len(ranges)
     )
-    if has_repeats and any(repeated):
-        return None
     first = np.concatenate([[0], np.cumsum(distinct)])
     edges, face_edges = np.empty((first[-1], 2), np.int32), np.empty(faces.shape, np.int32)
     _at_once(lambda k: _kernels.take_edges(ranges[k], starts, sides, first, edges), len(ranges))
@@ -92,12 +89,12 @@ def number_edges(
         lambda k: _kernels.number_faces(faces[parts[k]], shift, fills[k], ranks, first, face_edges[parts[k]]),
         len(parts),
     )
-    return edges, face_edges
+    return edges, face_edges, any(repeated)
 
 
 def find_stars(
     n: int, edges: Index, has_face: BoolArray, faces: Index, face_edges: Index
-) -> tuple[Index, Index]:  # fmt: skip
+) -> tuple[Index, Index, Index]:
     """CSR rows of the vertices, edges and faces around each vertex, as `_stars.fill_stars` orders them.
 
     Parameters
@@ -116,21 +113,25 @@ def find_stars(
     start : (n + 1,) int32
     rows : (start[n],) int32
         Edges counted from n on, faces from n + E on.
+    levels : (n, 2) int32
+        Where the edges of each row begin, and where its faces do.
     """
     shift, buckets = _grid(n)
     first = (0, n, n + len(edges))
     lower = np.searchsorted(edges[:, 0], np.arange(buckets + 1, dtype=np.int64) << shift)
-    (above, lengths), corners = _spread_edges(edges, has_face, shift, buckets), _spread_corners(
-        faces, face_edges, shift, buckets
+    (above, lengths), corners = (
+        _spread_edges(edges, has_face, shift, buckets),
+        _spread_corners(faces, face_edges, shift, buckets),
     )
     begin = np.concatenate([[0], np.cumsum(lengths + 2 * np.diff(corners[0]))])
-    start, rows = np.empty(n + 1, np.int32), np.empty(begin[-1], np.int32)
+    start, rows, levels = np.empty(n + 1, np.int32), np.empty(begin[-1], np.int32), np.empty((n, 2), np.int32)
     start[np.arange(buckets, dtype=np.int64) << shift], start[n] = begin[:-1], begin[-1]
     ranges, around = _ranges(begin), (*above, lower)
     _at_once(
-        lambda k: _stars.fill_stars(ranges[k], shift, first, edges, has_face, around, corners, start, rows), len(ranges)
+        lambda k: _stars.fill_stars(ranges[k], shift, first, edges, has_face, around, corners, start, levels, rows),
+        len(ranges),
     )
-    return start, rows
+    return start, rows, levels
 
 
 def _spread_edges(

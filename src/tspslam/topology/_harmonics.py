@@ -169,6 +169,7 @@ def fetch(visit, first, start, rows, elements, z):  # type: ignore[no-untyped-de
     for r in range(last, min(first + 2 * BLOCK, visit.shape[0])):
         prefetch(rows, start[visit[r]])
         prefetch(rows, start[visit[r]] + 16)
+        prefetch(rows, start[visit[r] + 1] - 1)
         prefetch(z, visit[r])
     for r in range(first, last):
         for p in range(start[visit[r]], start[visit[r] + 1]):

@@ -1,6 +1,6 @@
 """Compiled kernels of the construction: sides are spread over buckets of vertices, and sorted within the cache.
 
-A bucket is ``1 << shift`` vertices in a row; what a pass appends to the buckets goes to a few places in memory at a time,
+A bucket is ``1 << shift`` vertices in a row. What a pass appends to the buckets goes to few places in memory at a time,
 and a bucket is small enough to be worked on in the cache, in whatever order the vertices come.
 """
 
@@ -92,7 +92,7 @@ def _merge_sorted(keys, start, stop):  # type: ignore[no-untyped-def]
 
 @inlined
 def _sort_bucket(first, stop, base, begin, sides, keys):  # type: ignore[no-untyped-def]
-    """Sort a bucket's sides: `keys` get the larger end and the place in the bucket, those of vertex v up to begin[v]."""
+    """Sort a bucket's sides to `keys`: larger end, then place in the bucket. Those of vertex v go up to begin[v]."""
     begin[:] = 0
     for p in range(first, stop):
         begin[sides[p, 0] - base + 1] += 1

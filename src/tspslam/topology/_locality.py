@@ -5,12 +5,14 @@ Results do not depend on the order of the visit; only the time does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import inlined, kernel
+from .._threads import both, in_halves
 from ..types import FloatArray
 
 PER_CELL = 16  # vertices in a cell of the grid, about
@@ -28,8 +30,8 @@ def _interleave(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cells_of(uv):  # type: ignore[no-untyped-def]
-    """Cell of each point in a grid in Morton order, and how many cells there are; no place: the last one."""
+def find_cells(uv, cells):  # type: ignore[no-untyped-def]
+    """Write the cell of each point in a grid in Morton order; return how many there are; no place: the last one."""
     n = uv.shape[0]
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(n):
@@ -43,29 +45,33 @@ def cells_of(uv):  # type: ignore[no-untyped-def]
     for axis in range(2):
         if high[axis] > low[axis]:
             scale[axis] = side / (high[axis] - low[axis])
-    cells = np.empty(n, np.int32)
     for i in range(n):
         u, v = (uv[i, 0] - low[0]) * scale[0], (uv[i, 1] - low[1]) * scale[1]
         if 0.0 <= u <= side and 0.0 <= v <= side:
             cells[i] = _interleave(min(int(u), side - 1), min(int(v), side - 1))
         else:
             cells[i] = side * side
-    return cells, side * side + 1
+    return side * side + 1
 
 
 @kernel
-def order_by_cell(cells, count, first):  # type: ignore[no-untyped-def]
-    """Elements by the cell of their first vertex (a counting sort: stable, linear)."""
+def sort_by_cell(cells, count, first, order):  # type: ignore[no-untyped-def]
+    """Write elements by the cell of their first vertex (a counting sort: stable, linear) to `order`."""
     start = np.zeros(count + 1, np.int32)
     for e in range(first.shape[0]):
         start[cells[first[e]] + 1] += 1
     for c in range(count):
         start[c + 1] += start[c]
-    order = np.empty(first.shape[0], np.uint32)
     for e in range(first.shape[0]):
         c = cells[first[e]]
         order[start[c]] = e
         start[c] += 1
+
+
+def order_by_cell(cells: NDArray[np.int32], count: int, first: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Elements by the cell of their first vertex, of `count` cells."""
+    order = np.empty(len(first), np.uint32)
+    sort_by_cell(cells, count, first, order)
     return order
 
 
@@ -77,5 +83,13 @@ def visits(uv: FloatArray, *firsts: NDArray[np.uint32]) -> tuple[Any, ...]:
     n = uv.shape[0]
     if n <= FEW:
         return False, *(np.arange(length, dtype=np.uint32) for length in (n, *map(len, firsts)))
-    cells, count = cells_of(uv)
-    return True, *(order_by_cell(cells, count, first) for first in (np.arange(n, dtype=np.uint32), *firsts))
+    cells = np.empty(n, np.int32)
+    count = find_cells(uv, cells)
+    every = (np.arange(n, dtype=np.uint32), *firsts)
+    some, others = both(lambda each: [order_by_cell(cells, count, first) for first in each], (every[:2], every[2:]))
+    return True, *some, *others
+
+
+def in_parts(function: Callable[[slice], None], count: int) -> None:
+    """Call `function` on all that is to be visited, or if that is much on both halves, at a time."""
+    in_halves(function, count, FEW + 1)

@@ -44,10 +44,16 @@ def _bilinear(image, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sample_vertices(image, unit, uv, order, value, ok):  # type: ignore[no-untyped-def]
+def sample_vertices(image, unit, uv, order, is_far, value, ok):  # type: ignore[no-untyped-def]
     """Bilinear samples at `uv`; a vertex outside the image (or NaN) has no signal."""
     height, width = image.shape
-    for i in order:
+    for r in range(order.shape[0]):
+        if is_far:
+            ahead = order[min(r + BLOCK, order.shape[0] - 1)]
+            prefetch(uv, ahead)
+            prefetch(value, ahead)
+            prefetch(ok, ahead)
+        i = order[r]
         u, v = uv[i, 0], uv[i, 1]
         ok[i] = 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1
         if ok[i]:

@@ -61,14 +61,15 @@ def spread_corners(number, faces, face_edges, shift, fill, out):  # type: ignore
 
 
 @kernel
-def fill_stars(buckets, shift, first, edges, has_face, above, corners, start, rows):  # type: ignore[no-untyped-def]
+def fill_stars(buckets, shift, first, edges, has_face, above, corners, start, levels, rows):  # type: ignore[no-untyped-def]
     """Rows of the vertices, edges and faces around each vertex of the buckets.
 
     A row holds the neighbours, ascending; the edges at the vertex that have a face, ascending; the opposite edge of
     each of its faces; these faces. An opposite edge determines its face, so each edge comes once without a search.
 
     `first` holds the numbers from which vertices, edges and faces count, `above` and `corners` what was spread: where
-    each bucket starts, then the records; `start` is given at the first vertex of each bucket and filled for the others.
+    each bucket starts, then the records; `start` is given at the first vertex of each bucket and filled for the others;
+    `levels` (n, 2) get where the edges of each row begin, and where its faces.
     """
     edge_starts, ends, lower = above
     corner_starts, opposite = corners
@@ -90,6 +91,7 @@ def fill_stars(buckets, shift, first, edges, has_face, above, corners, start, ro
             place[v, 0], place[v, 1] = at, at + counts[v, 0]
             place[v, 2] = place[v, 1] + counts[v, 1]
             place[v, 3] = place[v, 2] + counts[v, 2]
+            levels[base + v, 0], levels[base + v, 1] = place[v, 1], place[v, 3]
             at = place[v, 3] + counts[v, 2]
             if base + v + 1 < stop:
                 start[base + v + 1] = at
@@ -115,12 +117,13 @@ def fill_stars(buckets, shift, first, edges, has_face, above, corners, start, ro
 
 
 @kernel
-def take_level(start, rows, low, high, out_start, out):  # type: ignore[no-untyped-def]
-    """Rows of what is counted from `low` to `high`, counted from 0: one level of the neighbourhoods."""
+def take_level(start, levels, rows, level, first, out_start, out):  # type: ignore[no-untyped-def]
+    """Copy one level of the neighbourhoods, 0 to 2, counted from `first`."""
     count, out_start[0] = 0, 0
-    for i in range(start.shape[0] - 1):
-        for p in range(start[i], start[i + 1]):
-            if low <= rows[p] < high:
-                out[count] = rows[p] - low
-                count += 1
+    for i in range(levels.shape[0]):
+        begin = start[i] if level == 0 else levels[i, level - 1]
+        stop = start[i + 1] if level == 2 else levels[i, level]
+        for p in range(begin, stop):
+            out[count] = rows[p] - first
+            count += 1
         out_start[i + 1] = count

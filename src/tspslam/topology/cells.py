@@ -92,13 +92,15 @@ class CellComplex(Complex):
         return Rows(*_cells.edges_of_cells_at_vertices(self.face_rows, self.boundary[:2], len(self.edges)))
 
     @cached_property
-    def stars(self) -> Rows:
-        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+    def around(self) -> tuple[Index, Index, Index]:
+        """The two arrays of the stars, and where the edges and the faces of each begin, (n, 2)."""
         from . import _cells
 
         first = (0, self.n, self.n + len(self.edges))
         rows = tuple(self.vertex_rows), tuple(self.edge_rows), tuple(self.face_rows)  # of one type with those of others
-        return Rows(*_cells.join_rows(*rows, first))
+        start, joined = _cells.join_rows(*rows, first)
+        begins = start[:-1] + np.diff(self.vertex_rows.indptr), start[1:] - np.diff(self.face_rows.indptr)
+        return start, joined, np.stack(begins, axis=1)
 
     def _level(self, level: int) -> Rows:
         start, rows = (self.vertex_rows, self.edge_rows, self.face_rows)[level]

@@ -162,22 +162,27 @@ class Complex(Brief):
         return marked
 
     @cached_property
-    def stars(self) -> Rows:
-        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+    def around(self) -> tuple[Index, Index, Index]:
+        """The two arrays of the stars, and where the edges and the faces of each begin, (n, 2)."""
         from . import _construction
 
-        return Rows(*_construction.find_stars(self.n, self.edges, self.has_face, self.faces, self.face_edges))
+        return _construction.find_stars(self.n, self.edges, self.has_face, self.faces, self.face_edges)
+
+    @property
+    def stars(self) -> Rows:
+        """η_p, η_e and η_f in one CSR pattern: edges are counted from n on, faces from n + E on."""
+        return Rows(*self.around[:2])
 
     def _level(self, level: int) -> Rows:
         """The neighbours of one level, in arrays of their own."""
         from . import _stars
 
-        first = np.cumsum([0, self.n, len(self.edges), len(self.faces)])
-        start, rows = self.stars
+        start, rows, levels = self.around
         at_edges, at_faces = 2 * len(self.edges), self.face_edges.size
         size = (at_edges, len(rows) - at_edges - at_faces, at_faces)[level]
+        first = (0, self.n, self.n + len(self.edges))[level]
         kept_start, kept = np.empty(self.n + 1, np.int32), np.empty(size, np.int32)
-        _stars.take_level(start, rows, first[level], first[level + 1], kept_start, kept)
+        _stars.take_level(start, levels, rows, level, first, kept_start, kept)
         return Rows(kept_start, kept)
 
     def neighbours(self) -> Neighbours:
@@ -198,10 +203,12 @@ class Complex(Brief):
 
         self.stars  # noqa: B018 - found before two threads ask for it
         sizes = (self.n, len(self.edges), len(self.faces))
-        (edge,), (vertex, face) = both(
-            lambda levels: [_pattern(self._level(level), sizes[level]) for level in levels], ((1,), (0, 2))
-        )
-        return Neighbours(vertex, edge, face)
+
+        def patterns(levels: list[int]) -> list[csr_array]:
+            return [_pattern(self._level(level), sizes[level]) for level in levels]
+
+        edge, others = both(patterns, ([1], [0, 2]))  # of about the same length
+        return Neighbours(others[0], edge[0], others[1])
 
 
 def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | None = None) -> Complex:
@@ -244,11 +251,11 @@ def build_complex(faces: ArrayLike, n: int | None = None, edges: ArrayLike | Non
     ascending, counts, bad = _construction.sort_faces(triples, n)
     _refuse(triples, bad, n, "face")
     extra = checked_pairs(edges, n)
-    numbered = _construction.number_edges(n, ascending, counts, extra)
-    if numbered is None:
-        ascending, counts, _ = _construction.sort_faces(ascending[first_of_equals(ascending)], n)
-        numbered = _construction.number_edges(n, ascending, counts, extra, has_repeats=False)
-    complex_ = Complex(n, numbered[0], ascending, numbered[1])
+    numbered, face_edges, may_repeat = _construction.number_edges(n, ascending, counts, extra)
+    if may_repeat and len(distinct := first_of_equals(ascending)) < len(ascending):
+        ascending, counts, _ = _construction.sort_faces(ascending[distinct], n)
+        numbered, face_edges, _ = _construction.number_edges(n, ascending, counts, extra)
+    complex_ = Complex(n, numbered, ascending, face_edges)
     if not len(extra):
         vars(complex_)["has_face"] = np.ones(len(complex_.edges), bool)
     return complex_

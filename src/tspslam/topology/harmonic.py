@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._checks import require
 from .._settings import setting
+from .._threads import both
 from ..errors import InputError
 from ..types import Bank, FloatArray, Response, Signals, real_array
 from .complex import Complex
@@ -20,6 +21,8 @@ Weight = Callable[[int], float]
 _HIGHEST = 1000  # order: cost grows with it, and no neighbourhood samples an angle so finely
 LARGEST_BANK = 1 << 32
 """Bytes of responses that are still computed."""
+
+_LINE = 64  # bytes that come from memory together
 
 _CENTERINGS = ("none", "mean", "harmonic", "plane")
 
@@ -206,7 +209,13 @@ def _filter(
     if rings is None:
         start, rows = complex_.stars
         is_far, visit = _locality.visits(elements[: complex_.n, :2])
-        _harmonics.filter_one_ring(visit, is_far, start, rows.view(np.uint32), elements, order, mode, z, defined)
+        numbers = rows.view(np.uint32)  # no wrap-around checks
+        _locality.in_parts(
+            lambda part: _harmonics.filter_one_ring(
+                visit[part], is_far, start, numbers, elements, order, mode, z, defined
+            ),
+            complex_.n,
+        )  # fmt: skip
     else:
         near = (complex_.vertex_rows, complex_.face_rows, complex_.boundary[:2])
         _harmonics.filter_rings(*near, elements, order, mode, rings, z, defined)
@@ -216,21 +225,33 @@ def _filter(
 def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
     """One row (u, v, signal, weight) an element: vertices, then edges, then faces; a neighbour is one cache line."""
     from . import _harmonics
+    from ._locality import FEW
 
+    one = [each if each.ndim == 1 else each[:, channel] for each in (signals.vertex, signals.edge, signals.face)]
     levels = (
-        ("vertex", uv, signals.vertex, signals.vertex_ok),
-        ("edge", signals.edge_uv, signals.edge, signals.edge_ok),
-        ("face", signals.face_uv, signals.face, signals.face_ok),
+        ("vertex", uv, one[0], signals.vertex_ok),
+        ("edge", signals.edge_uv, one[1], signals.edge_ok),
+        ("face", signals.face_uv, one[2], signals.face_ok),
     )
-    elements = np.empty((sum(len(level[-1]) for level in levels), 4))
-    first = 0
-    for level, places, values, ok in levels:
-        one = values if values.ndim == 1 else values[:, channel]
-        bad = _harmonics.pack(first, _plain(places), _plain(one), ok, elements)
+    elements = _aligned(sum(len(level[-1]) for level in levels), 4)
+    firsts = np.cumsum([0, *(len(level[-1]) for level in levels)])
+
+    def fill(some: tuple[int, ...]) -> list[int]:
+        return [_harmonics.pack(int(firsts[k]), *map(_plain, levels[k][1:3]), levels[k][3], elements) for k in some]
+
+    some, others = both(fill, ((0, 1), (2,))) if len(elements) > FEW else (fill((0, 1, 2)), [])
+    for (level, *_), bad in zip(levels, some + others, strict=True):  # the first is named, as if in turn
         if bad >= 0:
             raise InputError(f"tmahf: {level} {bad} has a signal, but its value or position is not finite")
-        first += len(ok)
     return elements
+
+
+def _aligned(*shape: int) -> FloatArray:
+    """An empty array that begins with a cache line."""
+    size = int(np.prod(shape))
+    held = np.empty(size + _LINE // 8)
+    first = -held.ctypes.data % _LINE // 8
+    return held[first : first + size].reshape(shape)
 
 
 def _plain(values: NDArray[Any]) -> FloatArray:

@@ -118,9 +118,20 @@ def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Co
     face, face_uv, face_ok = np.zeros(n_faces), np.zeros((n_faces, 2)), np.zeros(n_faces, bool)
     edge_pixels, face_pixels = np.zeros(n_edges, np.int32), np.zeros(n_faces, np.int32)
     table = _prefix_table(plane)
-    _pixels.sample_vertices(plane, unit, uv, by_vertex, vertex, vertex_ok)
-    _pixels.sample_edges(plane, unit, uv, vertex_ok, edges, by_edge, is_far, edge, edge_uv, edge_pixels, edge_ok)
-    _pixels.sample_faces(plane, table, unit, uv, vertex_ok, faces, by_face, is_far, face, face_uv, face_pixels, face_ok)
+
+    def vertices(part: slice) -> None:
+        _pixels.sample_vertices(plane, unit, uv, by_vertex[part], is_far, vertex, vertex_ok)
+
+    def sides(part: slice) -> None:
+        given = plane, unit, uv, vertex_ok, edges, by_edge[part], is_far
+        _pixels.sample_edges(*given, edge, edge_uv, edge_pixels, edge_ok)
+
+    def triangles(part: slice) -> None:
+        given = plane, table, unit, uv, vertex_ok, faces, by_face[part], is_far
+        _pixels.sample_faces(*given, face, face_uv, face_pixels, face_ok)
+
+    for level, count in ((vertices, complex_.n), (sides, n_edges), (triangles, n_faces)):
+        _locality.in_parts(level, count)
     return Signals(vertex, edge, face, edge_uv, face_uv, edge_pixels, face_pixels, vertex_ok, edge_ok, face_ok)
 
 
