@@ -11,10 +11,10 @@ TOPOLOGY = Path(__file__).parents[1] / "src" / "tspslam" / "topology"
 ROW = re.compile(r"^ +(\w+) {2,}(\S.*?) +->(.*(?:\n {20,}\S.*)*)$", re.MULTILINE)
 WINGS = {"vision": (0.2, 6.6), "topology": (7.4, 11.8)}  # from left to right
 ACROSS = {  # middle of a room; how high it stands follows from the arrows
-    "cli": 5.6, "printing": 9.2, "run": 5.6, "interop": 5.6, "datasets": 5.6, "session": 1.2, "settings": 3.4,
-    "io": 6.6, "view": 8.9, "slam": 2.9, "stereo": 2.9, "features": 2.9, "calibration": 1.1, "visibility": 5.7,
-    "evaluate": 4.4, "depth": 1.1, "frame": 7.1, "mapping": 3.3, "topological_map": 9.1, "apps": 11.0,
-    "scale": 2.0,
+    "cli": 5.6, "scale": 5.6, "printing": 9.2, "run": 5.6, "interop": 5.6, "datasets": 5.6, "session": 1.2,
+    "settings": 3.4, "io": 6.6, "view": 8.9, "slam": 2.9, "stereo": 2.9, "features": 2.9,
+    "calibration": 1.1, "visibility": 5.7, "evaluate": 4.4, "depth": 1.1, "frame": 7.1,
+    "mapping": 3.3, "topological_map": 9.1, "apps": 11.0,
 }  # fmt: skip
 BESIDE = {"printing": "run", "depth": "stereo"}  # at whose height a room stands that imports no other
 FLOOR, STEP = 3.5, 1.1  # height of the wings, and from one level of rooms to the next

@@ -32,7 +32,8 @@ GROUND = {
 }
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
-    "cli": {"run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
+    "cli": {"scale", "run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
+    "scale": {"run", "settings", "datasets", "io", "view"} | GROUND,
     "run": {
         "session",
         "settings",

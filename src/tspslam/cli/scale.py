@@ -74,11 +74,11 @@ def batch_command(
     resolved = configuration.resolve(preset, config, assignments or [])
     with fleet_progress(as_json) as on_event:
         result = run_batch(sources, out, resolved, workers=where, truths=truths, on_event=on_event)
-    say(*([json.dumps(result.described)] if as_json else tabulate_batch(result)))
+    say(*([json.dumps(result.described)] if as_json else _tabulate(result)))
     if result.lost:
         left = sum(row.state == "unfinished" for row in result.rows)
         note(f"tspslam: {result.lost}: {left} recordings are not finished; the same command goes on with them")
-    code = code_of(result.rows)
+    code = _code_of(result.rows)
     if code != COMPLETE:
         raise typer.Exit(code)
 
@@ -97,7 +97,7 @@ def _bytes(text: str | None) -> int | None:
     return size
 
 
-def code_of(rows: list[Row]) -> int:
+def _code_of(rows: list[Row]) -> int:
     """The exit code of a batch: the worst that needs a hand, but recordings that failed beside others degrade it."""
     states = {row.state for row in rows}
     if "not written" in states:
@@ -107,7 +107,7 @@ def code_of(rows: list[Row]) -> int:
     return {frozenset({"refused"}): BAD_INPUT, frozenset({"failed"}): INTERNAL}.get(frozenset(states), DEGRADED)
 
 
-def tabulate_batch(result: BatchResult) -> list[str]:
+def _tabulate(result: BatchResult) -> list[str]:
     """Lines for what has become of all recordings, and where to look."""
     counts = ", ".join(f"{count} {state}" for state, count in result.described["states"].items())
     lines = [f"{len(result.rows)} recording{'' if len(result.rows) == 1 else 's'}: {counts}"]

@@ -126,7 +126,7 @@ def run_batch(
     require_dask()
     require_path(out, "out")
     resolved = as_resolved(Settings() if settings is None else settings)
-    runs, found = Path(os.path.abspath(out)), find_sources(sources, without=out)
+    runs, found = Path(os.path.abspath(out)), find_sources(sources)
     check_folder(runs, found)
     if is_run_folder(runs):
         raise InputError(one_line(f"{out}: is a run folder, expected a folder for several of them (--out)"))

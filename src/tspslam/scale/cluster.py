@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import importlib
 import importlib.util
@@ -10,6 +11,7 @@ import os
 import re
 import signal
 from collections.abc import Collection, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
@@ -138,7 +140,7 @@ def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
     count : int
         Processes; each does one thing at a time.
     threads : int
-        That OpenBLAS, OpenMP and numba have in each of them.
+        That OpenBLAS, OpenMP and numba have in each of them, where the environment does not say (``OMP_NUM_THREADS``).
     memory : int
         Bytes for each; one that goes beyond is ended and begun anew. Nothing is spilled to disk: results are small.
 
@@ -215,17 +217,33 @@ def running_cluster(address: str, paths: Collection[str]) -> Iterator[Client]:
     found = _ADDRESS.fullmatch(address)
     if not found or int(found[1]) > _LAST_PORT:
         raise InputError(one_line(f"{address[:80]}: is no address of a scheduler, {_SUCH}"))
-    with _quiet(), contextlib.ExitStack() as stack:
+    with _quiet():
         from distributed import Client
 
-        try:
-            client = stack.enter_context(Client(address, timeout=_PATIENCE, set_as_default=False))
-        except (OSError, ValueError, TypeError, ImportError) as error:
-            why = " ".join(str(error).split())[:160]
-            said = f"{address}: no scheduler answers within {_PATIENCE:g} s ({why})"
-            raise InputError(one_line(f"{said}; {_SUCH}")) from error
-        check_workers(client, paths)
-        yield client
+        _require_scheduler(address)
+        with Client(address, timeout=_PATIENCE, set_as_default=False) as client:
+            check_workers(client, paths)
+            yield client
+
+
+def _require_scheduler(address: str) -> None:
+    """Ask who is there: a client itself would wait for ever for somebody who says nothing."""
+    try:
+        with ThreadPoolExecutor(1) as pool:  # this thread may have a loop that runs, as a notebook's
+            kind = pool.submit(asyncio.run, asyncio.wait_for(_identify(address), _PATIENCE)).result()
+    except (TimeoutError, OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
+        why = f" ({' '.join(str(error).split())[:160]})" if str(error) else ""
+        raise InputError(one_line(f"{address}: no scheduler answers within {_PATIENCE:g} s{why}; {_SUCH}")) from error
+    if kind != "Scheduler":
+        raise InputError(one_line(f"{address}: is a {kind} of Dask, {_SUCH}, a scheduler's"))
+
+
+async def _identify(address: str) -> str:
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as remote:
+        return str((await remote.identity()).get("type"))
 
 
 @contextlib.contextmanager

@@ -46,7 +46,7 @@ class Recording:
     error: str = ""
 
 
-def find_sources(given: Iterable[PathLike], *, without: PathLike | None = None) -> list[Path]:
+def find_sources(given: Iterable[PathLike]) -> list[Path]:
     r"""The recordings that lists and folders name, each once, in their order.
 
     Parameters
@@ -54,8 +54,6 @@ def find_sources(given: Iterable[PathLike], *, without: PathLike | None = None) 
     given : iterable of path
         Each a recording, as `tspslam.datasets.open_sequence` takes it; a folder with recordings in it; or a text file
         that names such, one a line, relative to itself, with comments after a #.
-    without : path, optional
-        A folder that is not taken for a recording among others in one folder: that of the results.
 
     Returns
     -------
@@ -75,25 +73,24 @@ def find_sources(given: Iterable[PathLike], *, without: PathLike | None = None) 
     ...     [each.name for each in find_sources([f"{folder}/list.txt"])]
     ['first', 'second']
     """
-    skipped = "" if without is None else os.path.realpath(without)
     found: dict[str, Path] = {}
     for path in map(Path, given):
-        for source in _expanded(path, skipped, is_list=path.is_file() and not is_known(path)):
+        for source in _expanded(path, is_list=path.is_file() and not is_known(path)):
             found.setdefault(os.path.realpath(source), Path(os.path.abspath(source)))
     if not found:
         raise InputError(one_line(f"{', '.join(map(str, given))}: names no recording, expected {_LIST}"))
     return list(found.values())
 
 
-def _expanded(path: Path, skipped: str, *, is_list: bool) -> Iterator[Path]:
+def _expanded(path: Path, *, is_list: bool) -> Iterator[Path]:
     """A path, or the recordings in it."""
     if is_list:
         for _, line in read_lines(path, _LIST, _LARGEST_LIST):
             words = line.partition(" #")[0].strip()
             if words:
-                yield from _expanded(path.parent / Path(words).expanduser(), skipped, is_list=False)
+                yield from _expanded(path.parent / Path(words).expanduser(), is_list=False)
     elif path.is_dir() and not is_known(path):
-        yield from [each for each in _children(path) if os.path.realpath(each) != skipped] or [path]
+        yield from _children(path) or [path]
     else:
         yield path
 
