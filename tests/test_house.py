@@ -32,7 +32,7 @@ GROUND = {
 }
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
-    "cli": {"run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
+    "cli": {"run", "scale", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
     "run": {
         "session",
         "settings",

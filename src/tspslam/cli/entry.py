@@ -16,7 +16,7 @@ import typer
 from .. import __version__
 from ..errors import InputError, OutputError, TspSlamError
 from ..printing import hold_streams, listen, note, say
-from . import board, jobs, look, runs, show, uses  # noqa: F401  (each hangs its commands on the parser)
+from . import board, jobs, look, runs, show, stores, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}  # also met by compiled kernels on their way to disk
