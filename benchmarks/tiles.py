@@ -1,8 +1,8 @@
 """A terrain with image tiles, larger than the memory: the store, filtered in tiles, beside 10^5 vertices in memory.
 
-``python -m benchmarks.tiles 1e7 --folder FOLDER [--workers 2] [--memory "1.5 GB"]``: a line of JSON. Times are of the processor,
-in seconds; the peak is that of the largest process. Terrain and images are made as they are written, so that 10^8 needs no
-more memory than 10^5; they stay in the folder, and what is there already is not made again.
+``python -m benchmarks.tiles 1e7 --folder FOLDER [--workers 2] [--memory "1.5 GB"]``: a line of JSON. Times are of the
+processor; the peak is that of the largest process. Terrain and images are made as they are written, so that 10^8 needs
+no more memory than 10^5; they stay in the folder, and what is there already is not made again.
 """
 
 import argparse
