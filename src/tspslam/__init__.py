@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from . import interop as interop
     from . import io as io
     from . import run as run
+    from . import scale as scale
     from . import session as session
     from . import settings as settings
     from . import topological_map as topological_map
@@ -221,6 +222,7 @@ _FILES = (  # of common names: not for *
     "frame",
     "mapping",
     "run",
+    "scale",
     "session",
     "settings",
     "topological_map",
