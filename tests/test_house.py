@@ -33,7 +33,7 @@ GROUND = {
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
     "cli": {"scale", "run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
-    "scale": {"run", "settings", "datasets", "io", "view"} | GROUND,
+    "scale": {"run", "settings", "datasets", "io", "view", "vision", "topology"} | GROUND,
     "run": {
         "session",
         "settings",
@@ -49,7 +49,6 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     }
     | {"topology"}
     | GROUND,
-    "scale": {"io", "topology", "vision"} | GROUND,
     "interop": {"datasets", "io", "frame", "vision", "topology"} | GROUND,
     "session": {"settings", "frame", "vision", "topology"} | GROUND,
     "settings": {"mapping", "vision", "topology"} | GROUND,

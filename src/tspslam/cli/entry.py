@@ -15,7 +15,7 @@ import typer
 from .. import __version__
 from ..errors import InputError, OutputError, TspSlamError
 from ..printing import hold_streams, listen, note, say
-from . import board, jobs, look, runs, scale, show, uses  # noqa: F401  (each hangs its commands on the parser)
+from . import board, jobs, look, runs, scale, show, stores, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
 _UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it

@@ -10,6 +10,7 @@ import typer
 
 from ..errors import InputError
 from ..printing import note, remarks_as_json
+from ._filter_store import filter_a_store, refuse_options
 from ._live import until_interrupt
 from ._progress import progress
 from ._shared import (
@@ -113,7 +114,10 @@ def run_command(
 def filter_command(
     mesh: Annotated[
         Path | None,
-        typer.Argument(help="Mesh (PLY, OBJ, OFF, STL, VTU, glTF), in the camera's frame, metres.", show_default=False),
+        typer.Argument(
+            help="Mesh (PLY, OBJ, OFF, STL, VTU, glTF), in the camera's frame, metres; or a store (tspslam store).",
+            show_default=False,
+        ),
     ] = None,
     *,
     cloud: Annotated[Path | None, typer.Option(help="Scan of a LiDAR instead of a mesh: .bin, .pcd, .las, ...")] = None,
@@ -121,14 +125,19 @@ def filter_command(
         Path | None, typer.Option(help="Where the scanner stands: KITTI's calib.txt, T_camera_scan, a 4 x 4 matrix.")
     ] = None,
     surface: Annotated[str, typer.Option(help="Surface of a scan: range, or crust.")] = "range",
-    image: Annotated[Path, typer.Option(help="Image that the camera took.")],
-    calib: Annotated[Path, typer.Option(help="Calibration file.")],
+    image: Annotated[Path | None, typer.Option(help="Image that the camera took.")] = None,
+    calib: Annotated[Path | None, typer.Option(help="Calibration file.")] = None,
     bits: BitsOption = None,
     out: OutOption = None,
     order: Annotated[int, typer.Option(help="Angular order m.")] = 1,
     centering: Annotated[str | None, typer.Option(help="none, mean, harmonic or plane.")] = None,
     merge: Annotated[bool, typer.Option("--merge-corners", help="Make one vertex of those at the same place.")] = False,
     polygons: Annotated[str, typer.Option(help="Faces of over three corners: fan (of triangles), or cells.")] = "fan",
+    images: Annotated[Path | None, typer.Option(help="Of a store: the folder that its images lie in now.")] = None,
+    workers: Annotated[int, typer.Option(help="Of a store: processes of Dask [default: this one alone].")] = 0,
+    scheduler: Annotated[str | None, typer.Option(help="Of a store: a scheduler of Dask, by address.")] = None,
+    memory: Annotated[str, typer.Option(help="Of a store: what a process may take.")] = "1.5 GB",
+    to: Annotated[str | None, typer.Option(help="Of a store: also a file a tile, vtu or ply, into --out.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""
@@ -137,6 +146,15 @@ def filter_command(
     from ..run.scan import filter_scan
     from ..topology.harmonic import Tmahf
 
+    if mesh is not None and cloud is None and mesh.is_dir():
+        refuse_options(image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None)
+        filter_a_store(
+            mesh, (order, centering), images=images, out=out, to=to, where=(workers, scheduler, memory), as_json=as_json
+        )  # fmt: skip
+        return
+    refuse_options(images=images, workers=workers or None, scheduler=scheduler, to=to, what="a store")
+    if image is None or calib is None:
+        raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
     given = _one_of(mesh, cloud, extrinsics, surface, merge, polygons)
     parts = ["-merged"] * merge + [f"-{polygons}"] * (polygons != "fan")

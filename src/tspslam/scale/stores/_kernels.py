@@ -36,3 +36,18 @@ def local_faces(faces, order, first, last, outside, place):  # type: ignore[no-u
             else:
                 found[f, corner] = place[last - first + np.searchsorted(outside, row)]
     return found
+
+
+@kernel
+def join_parts(faces, parent):  # type: ignore[no-untyped-def]
+    """Join the parts that the corners of faces are in; a part is told by its lowest row, up from parent to parent."""
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            one, other = faces[f, 0], faces[f, corner]
+            while parent[one] != one:
+                parent[one] = parent[parent[one]]
+                one = parent[one]
+            while parent[other] != other:
+                parent[other] = parent[parent[other]]
+                other = parent[other]
+            parent[max(one, other)] = min(one, other)

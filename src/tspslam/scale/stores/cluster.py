@@ -10,12 +10,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from ..._files import reason_of
 from ...errors import InputError
 from .mesh import StoredMesh, open_mesh
 
 Run = tuple[int, int]
 Work = Callable[[int, int, int], dict[str, Any]]
 _MOST_WORKERS = 1024
+_PATIENCE = 10.0  # s for a scheduler to answer
 _MOST_DEATHS = 8  # of workers over one run: its tiles are then 1/128 of what they were
 
 
@@ -53,6 +55,36 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
         dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
     ) as machine, distributed.Client(machine) as own:  # fmt: skip
         yield own
+
+
+@contextlib.contextmanager
+def connected(address: str | None) -> Iterator[Any]:
+    """Give a client of a scheduler that runs already.
+
+    Parameters
+    ----------
+    address : str or None
+        Such as ``tcp://10.0.0.1:8786``; None gives None.
+
+    Yields
+    ------
+    distributed.Client or None
+
+    Raises
+    ------
+    InputError
+        If dask is not installed, or nobody answers within ten seconds.
+    """
+    if address is None:
+        yield None
+        return
+    distributed = _module("distributed")
+    try:
+        client = distributed.Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{address}: no scheduler answers ({reason_of(error)}), expected one of Dask") from error
+    with client:
+        yield client
 
 
 def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tuple[dict[str, Any], Run]]:

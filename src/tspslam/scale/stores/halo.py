@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..._brief import brief
 from ...topology.complex import Complex, build_complex
 from ...types import FloatArray
+from . import _zarr
 from .mesh import StoredMesh
 
 Rows = NDArray[np.int64]
@@ -75,12 +76,14 @@ def load_piece(store: StoredMesh, first: int, last: int, rings: int, columns: Co
 
     faces, order = _faces_around(store, first, last, max(rings, 1))
     outside = np.unique(_kernels.rows_outside(faces, first, last))
-    number = _column(store, "id", first, last, outside)
+    number = read_around(store.arrays["id"], first, last, outside)
     visit = np.argsort(number, kind="stable")
     place = np.empty(len(number), np.int32)
     place[visit] = np.arange(len(number), dtype=np.int32)
     local = _kernels.local_faces(faces, order, first, last, outside, place)
-    found = {name: _column(store, name, first, last, outside)[visit] for name in columns if name in store.arrays}
+    found = {
+        name: read_around(store.arrays[name], first, last, outside)[visit] for name in columns if name in store.arrays
+    }
     own = place[: last - first].astype(np.int64)
     return Piece(build_complex(local, len(number)), own, number[visit], *map(found.get, ("xyz", "uv", "luminance")))
 
@@ -89,14 +92,14 @@ def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple
     """Faces, by rows, with a corner within ``rings - 1`` of the tile's vertices; and their order, each once."""
     from . import _kernels
 
-    faces, number = _faces_of(store, np.arange(first, last))
+    faces, number = faces_of(store, np.arange(first, last))
     inner = np.empty(0, np.int64)  # vertices outside the tile whose faces are there
     for _ in range(rings - 1):
         met = np.unique(_kernels.rows_outside(faces, first, last))
         new = np.setdiff1d(met, inner, assume_unique=True)
         if not len(new):
             break
-        more, named = _faces_of(store, new)
+        more, named = faces_of(store, new)
         faces, number = np.concatenate([faces, more]), np.concatenate([number, named])
         inner = met
     order = np.argsort(number, kind="stable")
@@ -106,8 +109,28 @@ def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple
     return faces, order[is_new]
 
 
-def _faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
-    """Faces that have a corner among some rows, ascending, by chunk: one for each of its chunks among these."""
+def faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
+    """Read the faces that have a corner among some rows, chunk by chunk: a face comes with each of its chunks.
+
+    Parameters
+    ----------
+    store : StoredMesh
+        The store.
+    rows : (n,) int64
+        Rows, ascending, at least one.
+
+    Returns
+    -------
+    faces : (M, 3) int32 or int64
+        By rows.
+    number : (M,) int64
+        Theirs in the source.
+
+    Raises
+    ------
+    InputError
+        If a chunk is damaged.
+    """
     found, named = [], []
     for chunk in np.unique(rows // store.chunk).tolist():
         begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
@@ -131,14 +154,33 @@ def _are_among(faces: NDArray[Any], rows: Rows) -> NDArray[np.bool_]:
     return within
 
 
-def _column(store: StoredMesh, name: str, first: int, last: int, outside: Rows) -> NDArray[Any]:
-    """Values of the tile's rows, then of those outside, of which one chunk is in memory at a time."""
-    array = store.arrays[name]
+def read_around(array: Any, first: int, last: int, outside: Rows) -> NDArray[Any]:
+    """Read a tile's rows of an array, then rows outside it, of which one chunk is in memory at a time.
+
+    Parameters
+    ----------
+    array : (N, k) or (N,) zarr array of numbers
+        By rows.
+    first, last : int
+        Rows of the tile.
+    outside : (K,) int64
+        Rows outside, ascending.
+
+    Returns
+    -------
+    (n, k) or (n,) float64, int64, complex128 or bool array
+        Of ``last - first + K`` rows.
+
+    Raises
+    ------
+    InputError
+        If a chunk is damaged.
+    """
     values = np.empty((last - first + len(outside), *array.shape[1:]), array.dtype)
-    values[: last - first] = store.read(name, first, last)
-    chunk, at = store.chunk, last - first
+    values[: last - first] = _zarr.read(array, first, last)
+    chunk, at = array.chunks[0], last - first
     for run in np.split(outside, np.flatnonzero(np.diff(outside // chunk)) + 1) if len(outside) else ():
         low, high = int(run[0]), int(run[-1]) + 1
-        values[at : at + len(run)] = store.read(name, low, high)[run - low]
+        values[at : at + len(run)] = _zarr.read(array, low, high)[run - low]
         at += len(run)
     return values

@@ -132,8 +132,9 @@ def of_file(
     Parameters
     ----------
     path : str or path
-        A .ply, .las, .laz, another mesh that `tspslam.io.read_mesh` takes (read as a whole), or a run folder with a
-        map: its vertices are seen in the keyframes that their responses are of.
+        A .ply (its vertices may have ``u`` and ``v``, places in the plane of the images, and ``luminance``), .las,
+        .laz, another mesh that `tspslam.io.read_mesh` takes (read as a whole), or a run folder with a map: its vertices
+        are seen in the keyframes that their responses are of.
     faces : str or path, optional
         For LAS: (F, 3) integers in a .npy file.
     images : iterable of ImageReference
@@ -249,12 +250,14 @@ def _all_triangles(path: Path, start: int, dtype: Any, count: int) -> bool:
 
 
 def _ply_vertices(path: Path, start: int, dtype: Any, count: int, has_images: bool) -> Iterator[Vertices]:
-    if not {"x", "y", "z"} <= set(dtype.names or ()):
+    names = set(dtype.names or ())
+    if not {"x", "y", "z"} <= names:
         raise bad_input(path, "has no vertices with x, y and z", _PLY)
-    has_luminance = "luminance" in dtype.names and not has_images
+    has_luminance = "luminance" in names and not has_images
     for block in _rows(path, start, dtype, count):
         xyz = np.stack([block[axis].astype(np.float64) for axis in "xyz"], axis=1)
-        yield Vertices(xyz, luminance=block["luminance"].astype(np.float64) if has_luminance else None)
+        uv = np.stack([block[axis].astype(np.float64) for axis in "uv"], axis=1) if {"u", "v"} <= names else None
+        yield Vertices(xyz, uv, block["luminance"].astype(np.float64) if has_luminance else None)
 
 
 def _ply_faces(path: Path, start: int, dtype: Any, count: int) -> Iterator[NDArray[Any]]:

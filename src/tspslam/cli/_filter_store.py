@@ -1,0 +1,66 @@
+"""``tspslam filter`` of a store."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from ..printing import note, say
+from ._progress import progress
+from ._shared import DEGRADED
+
+
+def filter_a_store(
+    path: Path, mode: tuple[int, str | None], *, images: Path | None, out: Path | None, to: str | None,
+    where: tuple[int, str | None, str], as_json: bool,
+) -> None:  # fmt: skip
+    """Filter a store, tile by tile, and write a file a tile if that is asked for."""
+    from ..run.sequence import Step
+    from ..scale.stores.cluster import connected
+    from ..scale.stores.store import open_store
+    from ..scale.stores.tile_files import KINDS, write_tiles
+
+    if (out is None) != (to is None) or (to is not None and to not in KINDS):
+        raise typer.BadParameter(f"goes with --out, expected {' or '.join(KINDS)}", param_hint="--to")
+    (order, centering), (workers, scheduler, memory) = mode, where
+    opened = open_store(path, images=images)
+    with progress(as_json) as on_step, connected(scheduler) as client:
+        on_step(Step("filter", 0, opened.n))
+        chosen: Any = centering
+        response = opened.filter(
+            order=order, centering=chosen, memory=memory, workers=workers, client=client,
+            on_tile=lambda done, total: on_step(Step("filter", done, total)),
+        )  # fmt: skip
+    found = response.summary
+    if found["missing"]:
+        first = opened.mesh.image_paths[found["missing"][0]]
+        said = f"{len(found['missing'])} of {len(opened.images)} images are not there, such as {first}"
+        note(f"warning: {said}: vertices that are seen in them have no response")
+    written = [str(path / "responses" / response.name)]
+    if out is not None and to is not None:
+        write_tiles(response, out, to)
+        written.append(str(out))
+    words = [f"response at {found['defined']} of {opened.n} vertices, {found['tiles']} tiles"]
+    if found["split"]:
+        words.append(f"{found['split']} tiles killed their worker and were split")
+    tell({"vertices": opened.n, "faces": opened.n_faces} | found, words, written, as_json)
+    if found["missing"] or not found["defined"]:
+        raise typer.Exit(DEGRADED)
+
+
+def refuse_options(*, what: str = "a mesh or a scan", **given: object) -> None:
+    """Refuse options that do not go with what is filtered."""
+    for name, value in given.items():
+        if value is not None:
+            raise typer.BadParameter(f"goes with {what}", param_hint=f"--{name.replace('_', '-')}")
+
+
+def tell(found: dict[str, Any], words: list[str], written: list[str], as_json: bool) -> None:
+    """Say what was found and written."""
+    if as_json:
+        say(json.dumps({"written": written} | found))
+    else:
+        say(*(f"wrote {each}" for each in written), *words)

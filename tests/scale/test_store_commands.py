@@ -1,0 +1,139 @@
+"""What a person types: a store made, filtered, and written as a file a tile."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import tspslam
+from tspslam import datasets
+from tspslam.cli.entry import exit_code
+from tspslam.io import read_ply, read_vtu, write_ply
+from tspslam.run import config, pipeline
+from tspslam.scale import open_store, write_store
+from tspslam.scale.stores.image_lists import read_images
+from tspslam.scale.stores.sources import of_arrays, of_file
+from tspslam.scale.stores.tile_files import write_tiles
+
+from .meshes import picture, tangled, two_images
+
+
+def typed(capsys, *words):
+    code = exit_code([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def made(folder):
+    """A mesh with places in a plane, two images, and their list."""
+    xyz, faces, uv = tangled(21, 200)
+    write_ply(folder / "a.ply", xyz, faces, vertex={"u": uv[:, 0], "v": uv[:, 1]})
+    pixels = two_images(folder)[1]
+    (folder / "images.txt").write_text("# tiles\n0.png 0 0\n1.png 25 0\n")
+    return xyz, faces, uv, pixels
+
+
+def test_a_store_is_made_filtered_and_handed_on_from_the_command_line(tmp_path, capsys):
+    xyz, faces, _, _ = made(tmp_path)
+    store = tmp_path / "a.zarr"
+    words = ["store", tmp_path / "a.ply", "--images", tmp_path / "images.txt", "--out", store, "--chunk", 32]
+    code, out, _ = typed(capsys, *words)
+    assert (code, "200 vertices" in out) == (0, True)
+    code, out, _ = typed(capsys, "filter", store, "--to", "vtu", "--out", tmp_path / "tiles", "--json")
+    told = json.loads(out)
+    assert (code, told["vertices"], told["missing"]) == (0, 200, [])
+    response = open_store(store).response("tmahf-1-harmonic").read()
+    assert told["defined"] == response.defined.sum() > 100
+    code, out, _ = typed(capsys, "filter", store)
+    assert (code, f"response at {told['defined']} of 200 vertices" in out) == (0, True)
+    found, triangles = {}, []
+    for name in re.findall('file="([^"]+)"', (tmp_path / "tiles" / "tiles.pvd").read_text()):
+        mesh = read_vtu(tmp_path / "tiles" / name)
+        number = mesh.point_data["number"]
+        triangles += np.sort(number[mesh.faces], axis=1).tolist()
+        found |= dict(zip(number.tolist(), mesh.point_data["real"] + 1j * mesh.point_data["imaginary"], strict=True))
+        assert np.array_equal(mesh.xyz, xyz[number])
+    assert sorted(triangles) == sorted(np.sort(faces, axis=1).tolist())
+    assert all(value == response.z[k] for k, value in found.items())
+
+
+def test_tiles_as_ply_have_every_face_once(tmp_path):
+    xyz, faces, uv = tangled(22, 100)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=16)
+    count = write_tiles(store.filter(), tmp_path / "tiles", "ply")
+    meshes = [read_ply(path) for path in (tmp_path / "tiles").glob("*.ply")]
+    assert len(meshes) == count
+    assert sum(len(mesh.faces) for mesh in meshes) == len(faces)
+    assert set(meshes[0].vertex) == {"real", "imaginary", "magnitude", "phase", "defined", "luminance"}
+    with pytest.raises(tspslam.InputError, match="kind is 'obj', expected vtu or ply"):
+        write_tiles(store.filter(), tmp_path / "more", "obj")
+
+
+def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
+    made(tmp_path)
+    typed(capsys, "store", tmp_path / "a.ply", "--images", tmp_path / "images.txt", "--out", tmp_path / "a.zarr")
+    (tmp_path / "1.png").unlink()
+    code, _, err = typed(capsys, "filter", tmp_path / "a.zarr")
+    assert (code, "warning: 1 of 2 images are not there, such as" in err) == (4, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["filter", "STORE", "--image", "a.png"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--merge-corners"], 2, "goes with a mesh or a scan"),
+        (["filter", "a.ply", "--image", "a.png", "--calib", "c", "--workers", "2"], 2, "goes with a store"),
+        (["filter", "a.ply"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),
+        (["filter", "STORE", "--out", "x"], 2, "goes with --out"),
+        (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected vtu or ply"),
+        (["filter", "STORE", "--memory", "2 bananas"], 3, "memory is '2 bananas'"),
+        (["filter", "STORE", "--scheduler", "nowhere"], 3, "nowhere: no scheduler answers"),
+        (["filter", "."], 3, "is no Zarr group of version 3"),
+        (["store", "gone.ply", "--out", "x.zarr"], 3, "gone.ply"),
+        (
+            ["store", "a.ply", "--out", "x.zarr", "--images", "bad.txt"],
+            3,
+            "bad.txt: line 1 has 2 values; expected lines",
+        ),
+        (["store", "a.ply", "--out", "x.zarr", "--images", "pose.txt"], 3, "line 1: has no rotation to 0.001"),
+        (["store", "a.ply", "--out", "x.zarr", "--images", "none.txt"], 3, "names no image"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, code, said):
+    monkeypatch.chdir(tmp_path)
+    xyz, faces, uv, _ = made(tmp_path)
+    (tmp_path / "bad.txt").write_text("0.png 1\n")
+    (tmp_path / "c.yaml").write_text("fx: 9\nfy: 9\ncx: 1\ncy: 1\nbaseline: 0.1\nwidth: 36\nheight: 50\n")
+    (tmp_path / "pose.txt").write_text("0.png c.yaml 2 0 0 0 0 1 0 0 0 0 1 0\n")
+    (tmp_path / "none.txt").write_text("# nothing\n")
+    if "STORE" in words:
+        write_store(tmp_path / "s.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
+    got, out, err = typed(capsys, *["s.zarr" if word == "STORE" else word for word in words])
+    assert (got, out) == (code, "")
+    assert said in err.replace("\n", " ")
+    assert not (tmp_path / "x.zarr").exists()
+
+
+def test_a_posed_photo_of_a_list_is_seen_where_it_was_taken(tmp_path):
+    xyz = made(tmp_path)[0]
+    picture(9, tmp_path / "p.png", (50, 60))
+    (tmp_path / "c.yaml").write_text("fx: 80\nfy: 80\ncx: 30\ncy: 25\nbaseline: 0.1\nwidth: 60\nheight: 50\n")
+    (tmp_path / "images.txt").write_text("p.png c.yaml 1 0 0 3 0 1 0 2.5 0 0 1 -2\n")
+    image = read_images(tmp_path / "images.txt")[0]
+    x, y, z = (xyz - [3, 2.5, -2]).T
+    assert np.allclose(image.places(xyz, None), np.stack([30 + 80 * x / z, 25 + 80 * y / z], axis=1))
+    store = write_store(tmp_path / "a.zarr", of_file(tmp_path / "a.ply", images=[image]), chunk=32)
+    assert store.filter().summary["defined"] > 50
+
+
+def test_a_run_s_map_is_filtered_in_its_keyframes(tmp_path):
+    run = tmp_path / "run"
+    pipeline.run(pipeline.OnePair(datasets.motorcycle()), run, config.resolve())
+    store = write_store(tmp_path / "a.zarr", of_file(run), chunk=500)
+    map_, response = tspslam.load_map(run), store.filter().read()
+    both = response.defined & map_.response.defined
+    assert both.sum() > 0.9 * map_.response.defined.sum()
+    off = np.abs(response.z - map_.response.z)[both]
+    assert np.median(off) < 1e-9  # a vertex that comes back by 1e-13 px beside the middle of a pixel has other lines
