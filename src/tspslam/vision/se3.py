@@ -59,19 +59,19 @@ def normalised(T: FloatArray) -> FloatArray:
     return exact
 
 
-def repeated(T: FloatArray, times: float) -> FloatArray:
-    """A motion repeated: its rotation vector and its translation times a number.
+def repeated(T: FloatArray, times: float | FloatArray) -> FloatArray:
+    """Motions repeated: their rotation vectors and their translations times a number each.
 
     Parameters
     ----------
-    T : (4, 4) float64
-        Rigid motion, m.
-    times : float
-        Any number; 0.5 is half of the way.
+    T : (..., 4, 4) float64
+        Rigid motions, m.
+    times : float or (...) float64
+        Any numbers; 0.5 is half of the way.
 
     Returns
     -------
-    (4, 4) float64
+    (..., 4, 4) float64
 
     Examples
     --------
@@ -82,9 +82,10 @@ def repeated(T: FloatArray, times: float) -> FloatArray:
     """
     from scipy.spatial.transform import Rotation
 
-    more = np.eye(4)
-    more[:3, :3] = Rotation.from_rotvec(times * Rotation.from_matrix(T[:3, :3]).as_rotvec()).as_matrix()
-    more[:3, 3] = times * T[:3, 3]
+    more, times = np.zeros(T.shape), np.asarray(times)[..., None]
+    more[..., :3, :3] = Rotation.from_rotvec(times * Rotation.from_matrix(T[..., :3, :3]).as_rotvec()).as_matrix()
+    more[..., :3, 3] = times * T[..., :3, 3]
+    more[..., 3, 3] = 1.0
     return more
 
 

@@ -228,7 +228,7 @@ class StereoOdometry:
         there. Else a new part of the map begins, whose origin it is, until a loop leads back to an earlier part.
         """
         if len(self.path):
-            self.path.pose = self.mapper.join(self.path.pose)
+            self._follow(self.mapper.join)
             self.path.begin(is_instead=self.is_beginning)
 
     @property
@@ -261,7 +261,7 @@ class StereoOdometry:
         if self.map.keyframes:
             since = len(path) - self.map.keyframes[-1].index
             if since >= _JOINED:
-                path.pose = (self.mapper.join if since >= _CLOSED else self.mapper.join_adjustment)(path.pose)
+                self._follow(self.mapper.join if since >= _CLOSED else self.mapper.join_adjustment)
             watch.lap("wait")
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
@@ -327,8 +327,14 @@ class StereoOdometry:
     def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
         """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
         since = len(self.map.merged)
-        self.path.pose = self.mapper.join(self.path.pose)
+        self._follow(self.mapper.join)
         return None if estimate is None else follow_merges(self.map, estimate, since)
+
+    def _follow(self, adjust: Callable[[FloatArray], FloatArray]) -> None:
+        """Move the path with the keyframes that an adjustment moves."""
+        before = list(self.map.keyframes)
+        self.path.pose = adjust(self.path.pose)
+        self.path.follow(before, self.map)
 
     def _add_keyframe(self, images: PreparedPair, estimate: PoseEstimate | None, watch: Stopwatch) -> Stereo | None:
         """Make a frame a keyframe, if its images show enough; the first one must."""
@@ -374,9 +380,9 @@ class StereoOdometry:
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
-            self.path.pose = self.mapper.finish(self.path.pose)
+            self._follow(self.mapper.finish)
             if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
-                self.path.pose = self.mapper.finish(self.path.pose)
+                self._follow(self.mapper.finish)
 
     def close(self) -> None:
         """Release the worker thread; no further pair can be processed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from ...types import FloatArray, Trajectory
 from ..se3 import inverse, normalised, repeated
 from .keyframes.columns import Column
+from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 from .locating.path_covariance import Links, covariance_from_start
 from .pose import PoseEstimate
@@ -231,6 +233,37 @@ class CameraPath:
         self._anchors.extend([last.index])
         self._anchored.extend([inverse(last.T_world_camera) @ self.pose])
 
+    def follow(self, before: Sequence[Keyframe], map_: Map) -> None:
+        """Let frames between two keyframes take their share of how far these moved against each other.
+
+        A frame is held by the keyframe before it. Without this, the step into the next one would take all that an
+        adjustment moved that: 0.03 m in the median of KITTI 05, where other steps are wrong by 0.01.
+
+        Parameters
+        ----------
+        before : sequence of Keyframe
+            The keyframes as they were.
+        map_ : Map
+            The same keyframes, adjusted.
+        """
+        now = map_.keyframes
+        steps = [k for k in range(len(now) - 1) if not (before[k] is now[k] and before[k + 1] is now[k + 1])]
+        between = [(frame, n) for n, k in enumerate(steps) for frame in self._between(now[k].index, now[k + 1].index)]
+        if not between:
+            return
+        frame, n = np.array(between).T
+        number = np.array([one.index for one in now])[steps][n], np.array([one.index for one in now[1:]])[steps][n]
+        start, end = self.stamps[number[0]], self.stamps[number[1]]
+        share = (self.stamps[frame] - start) / np.where(end > start, end - start, np.inf)
+        was, came = (_steps(one, steps) for one in (before, now))
+        self.anchored[frame] = normalised(repeated((came @ inverse(was))[n], share) @ self.anchored[frame])
+
+    def _between(self, first: int, last: int) -> list[int]:
+        """Frames between two keyframes of one recording, held by the first."""
+        if any(first < begun <= last for begun in self.begun):
+            return []
+        return [frame for frame in self._held.get(first, []) if first < frame < last]
+
     def trajectory(self, map_: Map) -> Trajectory:
         """Put the frames where their keyframes are now.
 
@@ -294,3 +327,10 @@ class CameraPath:
             Of (ω, υ), rad and m, in the camera's frame.
         """
         return covariance_from_start(frame, poses, Links(np.arange(len(self)), self.links, self.linked), loops)
+
+
+def _steps(frames: Sequence[Keyframe], places: Sequence[int]) -> FloatArray:
+    """Poses of the keyframes after some, each as the one before has it."""
+    T = np.stack([frame.T_world_camera for frame in frames])
+    steps: FloatArray = inverse(T[places]) @ T[np.add(places, 1)]
+    return steps

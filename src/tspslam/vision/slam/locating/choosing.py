@@ -13,6 +13,8 @@ from ..tracking import TrackingSettings
 
 _APART = 3.0  # px: ten times the spread of a tracked point
 _PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
+_FLAT = 0.2  # of depth, in its logarithm, below which a thing counts as flat: a wall is a world, too
+_DEPTHS = (0.1, 0.9)  # quantiles between which depths count
 
 
 def is_clear(
@@ -136,14 +138,21 @@ def choose_widest(
 
 
 def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:
-    """Places of the image with landmarks that one pose has where they are, another not, times how far they spread."""
+    """Places of the image with landmarks that one pose has where they are, another not, times how far they spread.
+
+    Over the image, in places, and in depth, in its logarithm: a vehicle is flat beside the street around it.
+    """
     T = other.T_world_camera
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.linalg.norm(project(rig, (xyz[one.landmark] - T[:3, 3]) @ T[:3, :3]) - one.uv, axis=1)
-    cells = np.unique(np.floor(one.uv[~(off <= _APART)] * (_PLACES / rig.width)), axis=0)
+    is_own = ~(off <= _APART)
+    cells = np.unique(np.floor(one.uv[is_own] * (_PLACES / rig.width)), axis=0)
     if len(cells) < 3:
         return 0.0
-    return float(len(cells) * np.sqrt(max(np.linalg.det(np.cov(cells.T)), 0.0)))
+    T = one.T_world_camera
+    nearest, farthest = np.quantile((xyz[one.landmark[is_own]] - T[:3, 3]) @ T[:3, 2], _DEPTHS)
+    deep = max(_FLAT, float(np.log(farthest / nearest)))
+    return float(len(cells) * deep * np.sqrt(max(np.linalg.det(np.cov(cells.T)), 0.0)))
 
 
 def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:

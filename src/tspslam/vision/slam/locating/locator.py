@@ -177,7 +177,7 @@ class Locator:
             T = self._solve(rows, uv)
             if T is None:
                 return
-            estimate = self._track_closely(image, T) or self._track(image, T)
+            estimate = self._track_again(image, self._track_closely(image, T) or self._track(image, T))
             if estimate is not None:
                 yield estimate
                 T = estimate.T_world_camera
@@ -185,6 +185,13 @@ class Locator:
             if is_left.all():  # patches led elsewhere
                 return
             rows, uv = rows[is_left], uv[is_left]
+
+    def _track_again(self, image: PreparedImage, found: PoseEstimate | None) -> PoseEstimate | None:
+        """A pose from few landmarks once more, from where it is: a second motion's keypoints lead there roughly."""
+        if found is None or found.share >= self.settings.clear_share:
+            return found
+        again = self._track(image, found.T_world_camera)
+        return found if again is None or len(again) <= len(found) else again
 
     def _solve(self, rows: NDArray[np.int64], uv: FloatArray) -> FloatArray | None:
         """Pose from landmarks, some of them wrong, and where keypoints have them: P3P, then least squares."""
