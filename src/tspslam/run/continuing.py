@@ -57,7 +57,7 @@ def run_into(
         What to add, of the same rig.
     given : Resolved, optional
         Settings: those that were given must be the run's; the run's by default.
-    progress, on_frame, on_step
+    progress, on_frame, on_step : callable, optional
         As for `run`.
 
     Returns

@@ -66,7 +66,16 @@ class Options(NamedTuple):
     def compare(self, estimate: Trajectory, reference: Trajectory, *, is_stamped: bool) -> TrajectoryErrors:
         """Compare two paths by their stamps, or by numbers of frames that stand for them.
 
-        Parameters, returns: as `by_stamp`.
+        Parameters
+        ----------
+        estimate, reference : Trajectory
+            The path, and the true one.
+        is_stamped : bool
+            Whether their stamps are times.
+
+        Returns
+        -------
+        TrajectoryErrors
         """
         return self.by_stamp(estimate, reference) if is_stamped else self.by_number(estimate, reference)
 

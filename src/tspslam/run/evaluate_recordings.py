@@ -75,7 +75,7 @@ def evaluated_recordings(
     pairs = {one["name"]: _paths(folder, one, rows, Path(truth)) for one, truth in zip(told, truths, strict=True)}
     if len({is_stamped for *_, is_stamped in pairs.values()}) > 1:
         raise bad_input(Path(truths[-1]), "differs from other true paths in having stamps", "stamps in all, or in none")
-    each = {name: how.compare(*pair) for name, pair in pairs.items()}
+    each = {name: how.compare(path, true, is_stamped=by) for name, (path, true, by) in pairs.items()}
     first = told[0]["name"]
     joined = [pairs[one["name"]] for one in told if one["relative_to"] == first]
     return RecordingErrors(each, _as_one(joined, how))
