@@ -322,7 +322,10 @@ class PlaceRecognition:
         away = np.linalg.norm(poses[places, :3, 3] - estimate.T_world_camera[:3, 3], axis=1)
         worth = words / (1 + (np.maximum(0, away - reach) / np.maximum(slack[places], 1e-9)) ** 2)
         order = np.lexsort((places, -worth))
-        likely = places[order][worth[order] >= self.loops.min_words].tolist()
+        least = np.where(
+            np.isinf(slack[places]), 0, self.loops.min_words
+        )  # nothing but its looks leads to another part
+        likely = places[order][(worth >= least)[order]].tolist()
         left = (k for k in _apart(likely, known) if self._is_left(k, tracked))
         return [(k, float(slack[k])) for k in islice(left, self.loops.candidates)]
 
