@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import shlex
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -103,7 +104,21 @@ def tabulate_run(run: dict[str, Any], times: dict[str, Any]) -> list[str]:
     if times:
         rows |= {"time": _say_times(times, run["frames"]), "spent on": _say_stages(times["stages_s"])}
     count = f"{run['frames']} frame{'s' if run['frames'] > 1 else ''} of " if times else ""
-    return [f"{run['status']}: {count}{run['source']}", *(f"  {name:<9}  {said}" for name, said in rows.items())]
+    recordings = [line for one in run.get("recordings", ()) for line in _say_recording(one)]
+    lines = [f"  {name:<9}  {said}" for name, said in rows.items()]
+    return [f"{run['status']}: {count}{run['source']}", *recordings, *lines]
+
+
+def _say_recording(one: dict[str, Any]) -> list[str]:
+    """Lines on one recording of a run of several: where its frames begin, how many are tracked, what joined it."""
+    said = f"{one['name']}: from frame {one['first']} on, {one['tracked']} of {one['frames']} tracked"
+    if one["first"] and not one["joined_by"]:
+        said += ", joined to none"
+    elif one["first"]:
+        by, loops = one["joined_by"], one["loops_to_others"]
+        said += f", joined to {by['recording']} at frame {by['frame']}"
+        said += f" by {by['landmarks']} landmarks" + (f" and {loops} loop{'s' if loops > 1 else ''}" if loops else "")
+    return textwrap.wrap(said, 80, initial_indent="  recording  ", subsequent_indent=13 * " ")
 
 
 def _say_times(times: dict[str, Any], frames: int) -> str:

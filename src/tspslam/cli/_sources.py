@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,6 +24,9 @@ _PARTNERS = {
     "unknown": "goes with --depth or --disparity",
     "bits": "goes with images",
     "calib": "goes with a pair of files or a folder",
+    "frames": "goes with one recording",
+    "into": "goes with recordings: folders, bags or videos",
+    "out": "does not go with --into: the run itself is gone on with",
 }
 """What each option goes with."""
 
@@ -46,6 +49,7 @@ class Given:
     bits: int | None = None
     frames: str | None = None
     out: Path | None = None
+    into: Path | None = None
 
     def refuse(self, *names: str) -> None:
         """Refuse options that do not go with what is read."""
@@ -57,9 +61,10 @@ class Given:
 def open_source(given: Given, on_step: Callable[[Step], object] | None = None) -> Source:
     """Open what is to be read; `on_step` is told how far a video has been gone through."""
     if given.camera:
+        given.refuse("into")
         return _open_cameras(given)
     if given.depth or given.disparity:
-        given.refuse("topics", "layout", "fps", "sensor")
+        given.refuse("topics", "layout", "fps", "sensor", "into")
         return _open_map(given)
     given.refuse("unknown")
     return _open_images(given, index_steps(on_step))
@@ -83,13 +88,17 @@ def _open_cameras(given: Given) -> Source:
 def _open_images(given: Given, on_index: Callable[[int, int], object] | None) -> Source:
     from .. import datasets
     from ..datasets.folder import read_pair_with_remarks
-    from ..datasets.layouts import are_parts
+    from ..datasets.layouts import are_parts, are_recordings
     from ..run.pipeline import OnePair
 
     paths = given.paths
+    if are_recordings(paths):
+        given.refuse("frames")
+        recordings = [_open_sequence(replace(given, paths=[path]), on_index) for path in paths]
+        return datasets.JoinedSequence(recordings)
     if len(paths) == 1 or are_parts(paths):
         return _open_sequence(given, on_index)
-    given.refuse("topics", "layout", "fps", "unit", "sensor")
+    given.refuse("topics", "layout", "fps", "unit", "sensor", "into")
     if not paths:
         given.refuse("calib", "bits")
         return OnePair(datasets.motorcycle())

@@ -40,7 +40,9 @@ if TYPE_CHECKING:
 def run_command(
     source: Annotated[
         list[Path] | None,
-        typer.Argument(help="LEFT RIGHT images, folders or videos; or one folder, bag or video of a sequence."),
+        typer.Argument(
+            help="LEFT RIGHT images, folders or videos; or folders, bags or videos of one or more recordings."
+        ),
     ] = None,
     calib: Annotated[Path | None, typer.Option(help="Calibration file [default: the folder's own].")] = None,
     topics: TopicsOption = None,
@@ -58,6 +60,7 @@ def run_command(
     ] = None,
     bits: BitsOption = None,
     out: OutOption = None,
+    into: Annotated[Path | None, typer.Option(help="A finished run to go on with: SOURCE comes into its map.")] = None,
     frames: Annotated[str | None, typer.Option(metavar="A:B", help="Which frames of a folder.")] = None,
     detector: Annotated[str | None, typer.Option(help="Keypoint detector: orb, sift, brisk, grid, onnx.")] = None,
     preset: PresetOption = "default",
@@ -75,6 +78,7 @@ def run_command(
     from ..run import config as configuration
     from ..run import pipeline
     from ..run._compiling import compiling
+    from ..run.continuing import excerpts, run_into
     from ..run.viewing import viewing
     from ..settings import KINDS
 
@@ -85,13 +89,16 @@ def run_command(
     chosen += ["mapping.fix_offset=true"] if fix_offset else []
     resolved = configuration.resolve(preset, config, [*chosen, *(assignments or [])])
     given = Given(
-        source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out
-    )
+        source or [], calib, camera, depth, disparity, unit, unknown, sensor, topics, layout, fps, bits, frames, out,
+        into,
+    )  # fmt: skip
+    if into:
+        given.refuse("out")
     with contextlib.ExitStack() as stack:
         on_step = stack.enter_context(progress(as_json))
         pairs = open_source(given, on_step)
         wanted = range(0) if camera else _frame_range(frames, len(pairs))
-        target = out or Path("runs") / pairs.name
+        target = into or out or Path("runs") / pairs.name
         check_folder(target, *(source or []), calib, depth, disparity)
         set_threads(threads)
         with viewing(target if view else None) as viewer:
@@ -99,9 +106,13 @@ def run_command(
                 announce_compilation(is_sequence=len(wanted) != 1)
                 chosen_frames = wanted if frames else None
                 with compiling(is_sequence=len(wanted) != 1):
-                    result = pipeline.run(
-                        pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step
-                    )
+                    if into:
+                        added = excerpts(pairs, chosen_frames)
+                        result = run_into(into, added, resolved, on_frame=viewer, on_step=on_step)
+                    else:
+                        result = pipeline.run(
+                            pairs, target, resolved, frames=chosen_frames, on_frame=viewer, on_step=on_step
+                        )
             stack.close()  # the line of progress ends before the results
             try:
                 _say_remarks(pairs, as_json)

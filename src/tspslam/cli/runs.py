@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
@@ -70,7 +70,10 @@ def map_command(
 @app.command("eval")
 def eval_command(
     run: Annotated[Path, typer.Argument(help="A run folder, or a trajectory file (TUM, KITTI, EuRoC).")],
-    truth: Annotated[Path, typer.Option(help="True poses: such a file, or a sequence folder that has them.")],
+    truth: Annotated[
+        list[Path],
+        typer.Option(help="True poses: such a file, or a sequence folder that has them; again for each recording."),
+    ],
     stamps: Annotated[Path | None, typer.Option(help="Stamps of the lines of KITTI's form, s (times.txt).")] = None,
     max_difference: Annotated[
         float, typer.Option("--max-difference", "--max-diff", min=0, help="Between two matched stamps, s.")
@@ -85,24 +88,34 @@ def eval_command(
 ) -> None:
     """Measure a camera path against the true one: ATE after alignment, RPE a frame and over any length."""
     from ..run.evaluate import describe_errors, evaluated, tabulate
+    from ..run.evaluate_recordings import evaluated_recordings
 
+    if len(truth) > 1 and stamps:
+        raise typer.BadParameter("goes with one --truth", param_hint="--stamps")
     if plot:
         from ..run.guard import PICTURES, check_output
 
-        inputs = [path for path in (run, truth, stamps) if path]
+        inputs = [path for path in (run, *truth, stamps) if path]
         check_suffix(plot, list(PICTURES), "--plot")
         check_output(plot, PICTURES[plot.suffix.lower()[1:]], inputs, is_forced=force)
-    errors = evaluated(
-        run, truth, max_stamp_difference=max_difference, stamps=stamps, align=_alignment(align), offset=_offset(offset),
-        deltas=_deltas(delta),
-    )  # fmt: skip
+    how: dict[str, Any] = {"max_stamp_difference": max_difference, "align": _alignment(align)}
+    how |= {"offset": _offset(offset), "deltas": _deltas(delta)}
+    found = evaluated_recordings(run, truth, **how) if len(truth) > 1 else None
+    errors = found.joint if found else evaluated(run, truth[0], stamps=stamps, **how)
     if plot:
         from ..view import write_path_picture
 
         write_path_picture(errors, plot)
     for line in errors.warnings:
         note(f"warning: {line}")
-    say(*([json.dumps(describe_errors(errors, kitti=kitti))] if as_json else tabulate(errors, kitti=kitti)))
+    each = found.each if found else {}
+    if as_json:
+        parts = {"recordings": {name: describe_errors(one, kitti=kitti) for name, one in each.items()}} if each else {}
+        say(json.dumps(describe_errors(errors, kitti=kitti) | parts))
+    else:
+        said = [line for name, one in each.items() for line in (f"{name}:", *tabulate(one, kitti=kitti), "")]
+        said += ["all that was joined, if the true paths are of one frame:"] if each else []
+        say(*said, *tabulate(errors, kitti=kitti))
     if plot and not as_json:
         say(f"wrote {plot}")
     if errors.is_mostly_unknown:

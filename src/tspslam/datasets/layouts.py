@@ -172,6 +172,35 @@ def are_parts(paths: list[Path]) -> bool:
     return is_pair or all(map(is_bag, paths))
 
 
+def are_recordings(paths: list[Path]) -> bool:
+    """Tell whether several paths are recordings of their own: one of them at least is a folder with a whole one in it.
+
+    Parameters
+    ----------
+    paths : list of path
+        What a user names.
+
+    Returns
+    -------
+    bool
+        False of two folders of left and of right images, and of files of one bag.
+
+    Examples
+    --------
+    >>> are_recordings([Path("left.png"), Path("right.png")])
+    False
+    """
+    return len(paths) > 1 and any(path.is_dir() and _is_whole(path) for path in paths)
+
+
+def _is_whole(folder: Path) -> bool:
+    try:
+        _kind(folder, [], has_depth=True)
+    except (InputError, OSError):
+        return False
+    return True
+
+
 def _checked(path: object) -> Any:
     require_path(path)
     return path

@@ -62,8 +62,11 @@ class StoredRun:
 
     @cached_property
     def keyframes(self) -> tuple[int, ...]:
-        """Indices of the frames that the map rests on; none of what ``tspslam filter`` made."""
-        return tuple(row["index"] for row in self._rows if row["is_keyframe"])
+        """Indices of the frames that the map rests on; none of what ``tspslam filter`` made.
+
+        Nor those of a recording that was not joined to the first one.
+        """
+        return tuple(row["index"] for row in self.placed_rows if row["is_keyframe"])
 
     @cached_property
     def stored(self) -> tuple[int, ...]:
@@ -111,7 +114,7 @@ class StoredRun:
         InputError
             If the frame has no pose: it was skipped, or is none of the run's.
         """
-        stamps = {row["index"]: row["stamp"] for row in self._rows}
+        stamps = {row["index"]: row["stamp"] for row in self.placed_rows}
         found = np.flatnonzero(self.trajectory.stamp == stamps.get(index, np.nan))
         if not len(found):
             raise bad_input(self.path, f"has no pose of frame {index}", f"one of {len(stamps)} tracked frames")
@@ -119,9 +122,9 @@ class StoredRun:
         return pose
 
     @property
-    def _rows(self) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = self.record.get("per_frame", [])
-        return rows
+    def placed_rows(self) -> list[dict[str, Any]]:
+        """Rows of ``per_frame`` in ``run.json``, without those of recordings that were not joined to the first one."""
+        return [row for row in self.record.get("per_frame", []) if not row.get("is_apart")]
 
     @cached_property
     def _folder(self) -> RunFolder:

@@ -97,7 +97,7 @@ def recorded_run(data: RunData) -> RecordedRun:
     -------
     RecordedRun
     """
-    rows, map_ = data.run.record.get("per_frame", []), data.map_
+    rows, map_ = data.run.placed_rows, data.map_
     colours = _colours(map_)
     return RecordedRun(
         name=one_line(str(data.run.record.get("source", data.run.path.name))),

@@ -81,7 +81,7 @@ def load_run_data(run: Path) -> RunData:
         If it is no finished run, has no map or no path, or its path has not a pose for each row of its record.
     """
     data = RunData(load_run(run), load_map(run))
-    rows = data.run.record.get("per_frame", [])
+    rows = data.run.placed_rows
     if len(rows) != len(data.trajectory):
         told = f"has {len(rows)} rows of frames, and a path of {len(data.trajectory)} poses"
         raise bad_input(run, told, "one for each")

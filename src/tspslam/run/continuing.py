@@ -14,7 +14,7 @@ import numpy as np
 from .._atomic import atomic_write, bad_output
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line, read_bytes
-from ..datasets.joined import JoinedSequence, Recording, StoredRecording, check_same_rig
+from ..datasets.joined import Excerpt, JoinedSequence, Recording, StoredRecording, check_same_rig
 from ..errors import InputError
 from ..io import RunFolder, StoredRun, load_run, read_frame
 from ..io._places import is_of_a_run
@@ -26,9 +26,16 @@ from ._stages import OnStep
 from .config import Resolved, resolve
 from .pipeline import Progress, RunResult, run, settings_of
 from .record import FrameRecord, Row
-from .sequence import MADE_BY, STATE_NAME, OnFrame, input_hash
+from .sequence import MADE_BY, STATE_NAME, OnFrame, Source, input_hash
 
-_OF_READERS = ("camera_lost", "frames_dropped", "frames_missed", "unpaired", "video_", "depth_")  # warnings by those who read pairs
+_OF_READERS = (
+    "camera_lost",
+    "frames_dropped",
+    "frames_missed",
+    "unpaired",
+    "video_",
+    "depth_",
+)  # warnings by those who read pairs
 _FEWEST = 2  # frames of a run that has a path
 
 
@@ -50,7 +57,7 @@ def run_into(
         What to add, of the same rig.
     given : Resolved, optional
         Settings: those that were given must be the run's; the run's by default.
-    progress, on_frame, on_step
+    progress, on_frame, on_step : callable, optional
         As for `run`.
 
     Returns
@@ -83,6 +90,25 @@ def run_into(
         lock.release()
     _take_place(place, work, before)
     return replace(result, folder=Path(folder))
+
+
+def excerpts(source: Source, frames: range | None) -> list[Recording]:
+    """Take a source, or some of its frames, for recordings to be added to a run.
+
+    Parameters
+    ----------
+    source : Source
+        One recording, or several.
+    frames : range or None
+        Which of its frames; None for all.
+
+    Returns
+    -------
+    list of sequences of pairs
+    """
+    if isinstance(source, JoinedSequence):
+        return list(source.recordings)
+    return [source if frames is None else Excerpt(source, frames)]
 
 
 def _settings(place: Path, given: Resolved | None) -> Resolved:

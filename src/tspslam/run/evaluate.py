@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from .._checks import real_array, require_path
-from .._files import PathLike
+from .._files import PathLike, bad_input
 from ..datasets import open_sequence
 from ..datasets._rgbd_layouts import is_rgbd
 from ..datasets.rgbd import read_truth
@@ -25,6 +25,10 @@ _FEWEST = 3  # poses: fewer are not compared
 _NUMBER = re.compile(r"[0-9]{1,15}")
 _HALF = 0.25  # of the numbers of frames, which stand for stamps
 _SHARES = ("covered", "truth_covered")  # shown in per cent
+_OF_RECORDINGS = {
+    "name": str, "first": int, "frames": int, "stamp_offset_s": int | float, "trajectory": str | None,
+    "relative_to": str | None,
+}  # fmt: skip
 _LAID = {
     "none": "as they are",
     "origin": "after the first pose is laid on the true one",
@@ -34,8 +38,8 @@ _LAID = {
 _UNITS = {"f": "frames", "m": "m of the way", "s": "s"}
 
 
-class _Options(NamedTuple):
-    """How two paths are compared."""
+class Options(NamedTuple):
+    """How two paths are compared: as `evaluated` has it."""
 
     max_stamp_difference: float
     deltas: Sequence[str]
@@ -43,13 +47,43 @@ class _Options(NamedTuple):
     offset: float | Literal["auto"]
 
     def by_stamp(self, estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
+        """Compare two paths by their stamps.
+
+        Parameters
+        ----------
+        estimate, reference : Trajectory
+            The path, and the true one.
+
+        Returns
+        -------
+        TrajectoryErrors
+        """
         return evaluate_trajectory(
             estimate, reference, max_stamp_difference=self.max_stamp_difference, deltas=self.deltas, align=self.align,
             offset=self.offset,
         )  # fmt: skip
 
+    def compare(self, estimate: Trajectory, reference: Trajectory, *, is_stamped: bool) -> TrajectoryErrors:
+        """Compare two paths by their stamps, or by numbers of frames that stand for them.
+
+        Parameters
+        ----------
+        estimate, reference : Trajectory
+            The path, and the true one.
+        is_stamped : bool
+            Whether their stamps are times.
+
+        Returns
+        -------
+        TrajectoryErrors
+        """
+        return self.by_stamp(estimate, reference) if is_stamped else self.by_number(estimate, reference)
+
     def by_number(self, estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
-        """Numbers of frames stand for stamps."""
+        """Compare two paths whose stamps are numbers of frames.
+
+        Parameters, returns: as `by_stamp`.
+        """
         if self.offset:
             raise InputError(f"offset {self.offset}: poses without stamps go by their lines, expected stamps of both")
         return self._replace(max_stamp_difference=_HALF).by_stamp(estimate, reference)
@@ -93,19 +127,20 @@ def evaluated(
     require_path(run, "run")
     require_path(truth, "truth")
     run, truth = Path(run), Path(truth)
-    how = _Options(max_stamp_difference, deltas, align, offset)
+    how = Options(max_stamp_difference, deltas, align, offset)
     has_own = run.is_dir() or has_stamps(run), truth.is_dir() or has_stamps(truth)
     if stamps is not None and all(has_own):
         raise InputError(f"{stamps}: {run} and {truth} have stamps of their own, expected one in KITTI's form")
     is_stamped = [own or stamps is not None for own in has_own]
     if run.is_dir():
         estimate, rows = _of_run(run)
-        reference = _truth(truth, None if has_own[1] else stamps)
+        _refuse_one_truth(run, is_stamped=is_stamped[1])
+        reference = true_path(truth, None if has_own[1] else stamps)
         if is_stamped[1]:
             return how.by_stamp(estimate, reference)
-        return how.by_number(Trajectory(_frames(rows, len(reference)), estimate.T_world_camera), reference)
+        return how.by_number(Trajectory(frame_numbers(rows, len(reference)), estimate.T_world_camera), reference)
     estimate = read_trajectory(run, None if has_own[0] else stamps)
-    reference = _truth(truth, None if has_own[1] else stamps)
+    reference = true_path(truth, None if has_own[1] else stamps)
     if all(is_stamped):
         return how.by_stamp(estimate, reference)
     if any(is_stamped) and len(estimate) != len(reference):
@@ -115,6 +150,43 @@ def evaluated(
             "which frame cannot be told; expected both with stamps, a run folder, or as many poses"
         )
     return how.by_number(_numbered(estimate), _numbered(reference))
+
+
+def recordings_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Tell the recordings of a run of several, as its ``run.json`` has them.
+
+    Parameters
+    ----------
+    record : dict
+        What that holds.
+
+    Returns
+    -------
+    list of dict
+        None of a run of a single source.
+
+    Raises
+    ------
+    InputError
+        If they are not what a run writes.
+    """
+    told = record.get("recordings", [])
+    is_right = isinstance(told, list) and all(
+        isinstance(one, dict) and all(isinstance(one.get(name), kind) for name, kind in _OF_RECORDINGS.items())
+        for one in told
+    )
+    if not is_right:
+        raise InputError("run.json: its recordings are not what a run writes, expected name, first, frames and more")
+    return list(told)
+
+
+def _refuse_one_truth(run: Path, *, is_stamped: bool) -> None:
+    """Refuse a single true path of several recordings where it cannot be told which of them a pose is of."""
+    told = recordings_of(RunFolder.open(run).read_run())
+    if len(told) > 1 and (not is_stamped or any(one["stamp_offset_s"] for one in told)):
+        why = "have stamps in common" if is_stamped else "number their frames each from 0"
+        names = ", ".join(str(one["name"]) for one in told)
+        raise bad_input(run, f"is of recordings that {why} ({names})", "one --truth for each of them, in this order")
 
 
 def measured(
@@ -300,11 +372,22 @@ def _of_run(run: Path) -> tuple[Trajectory, list[dict[str, Any]]]:
     return path, [rows[stamp] for stamp in path.stamp.tolist()]
 
 
-def _frames(rows: list[dict[str, Any]], lines: int) -> FloatArray:
-    """Which line of a file of true poses without stamps is for which frame.
+def frame_numbers(rows: list[dict[str, Any]], lines: int) -> FloatArray:
+    """Tell which line of a file of true poses without stamps is for which frame.
 
     The frame's place in the run; but where images are named by number and numbers between are missing, since an image
     had no partner, the number, if the file goes so far.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Frames, each with its ``index``, and maybe its ``name``.
+    lines : int
+        How many the file has.
+
+    Returns
+    -------
+    (n,) float64
     """
     index = np.array([row["index"] for row in rows], np.float64)
     names = [str(row.get("name", "")) for row in rows]
@@ -315,7 +398,20 @@ def _frames(rows: list[dict[str, Any]], lines: int) -> FloatArray:
     return numbers if has_gaps and numbers.max() < lines else index
 
 
-def _truth(place: Path, stamps: PathLike | None) -> Trajectory:
+def true_path(place: Path, stamps: PathLike | None) -> Trajectory:
+    """Read true poses.
+
+    Parameters
+    ----------
+    place : path
+        A file, or a sequence folder that has them.
+    stamps : path or None
+        Stamps of the lines of a file that has none, s.
+
+    Returns
+    -------
+    Trajectory
+    """
     return _of_sequence(place) if place.is_dir() else read_trajectory(place, stamps)
 
 

@@ -270,7 +270,9 @@ def _of_recordings(sequence: SequenceRun, record: dict[str, Any]) -> dict[str, A
     told, warnings = describe_recordings(sequence)
     if not told:
         return record
-    record |= {"recordings": told, "warnings": [*record["warnings"], *warnings]}
+    placed = placed_poses(sequence)
+    rows = [row if row["index"] in placed else row | {"is_apart": True} for row in record["per_frame"]]
+    record |= {"recordings": told, "per_frame": rows, "warnings": [*record["warnings"], *warnings]}
     return record | ({"status": "degraded"} if warnings else {})
 
 

@@ -25,6 +25,7 @@ _HELD = 0.5  # share of the landmarks from which the last keyframe is the one th
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
 _LEAST_PLACE = 2  # times the landmarks that prove a place: where a recording begins, nothing else says where that is
+_CANDIDATES = 20  # keyframes that a recording may begin near, some 10 ms each: it is asked once
 _LEAST_MATCHES = 8  # that lead to a pose: P3P takes four; whether it is one, patches tell
 
 
@@ -120,7 +121,7 @@ class Locator:
         PoseEstimate or None
             Without disparities; None if no pose is believed.
         """
-        found = self.places.relocalize(image.pyramid, *self._describe(image))
+        found = self.places.relocalize(image.pyramid, *self._describe(image), _CANDIDATES)
         least = _LEAST_PLACE * self.places.loops.min_landmarks
         is_sure = found is not None and len(found) >= least and found.share >= self.settings.lone_share
         return found if is_sure else None

@@ -68,7 +68,9 @@ class PlaceRecognition:
         """Keyframes by their looks."""
         return MapIndex(self.map_)
 
-    def relocalize(self, image: Pyramid, uv: FloatArray, descriptors: Descriptors) -> PoseEstimate | None:
+    def relocalize(
+        self, image: Pyramid, uv: FloatArray, descriptors: Descriptors, most: int | None = None
+    ) -> PoseEstimate | None:
         """Find where a lost camera is: by its descriptors among the landmarks of one keyframe; None if of none.
 
         The last keyframes are tried, then those whose landmarks the image shows most of.
@@ -81,23 +83,28 @@ class PlaceRecognition:
             Its keypoints, px.
         descriptors : (N, P) uint64
             Theirs.
+        most : int, optional
+            Keyframes to try that share any word, until one is clear; by default as many, and as similar, as the
+            settings have it, until one is believed.
 
         Returns
         -------
         PoseEstimate or None
             Without disparities.
         """
-        map_, last = self.map_, self.map_.references()
+        map_, last, best = self.map_, self.map_.references(), None
+        enough = self.tracking.relocalized_share if most is None else self.tracking.clear_share
         newest = list(range(len(map_.keyframes) - 1, len(map_.keyframes) - 1 - len(last), -1))
-        for place in [*newest, *self._most_similar(descriptors)]:
+        for place in [*newest, *self._most_similar(descriptors, most)]:
             frames = [map_.keyframes[place]] if place in newest else self._group(place)
             T = self._solve_pnp(frames, uv, descriptors)
             if T is not None:
                 own = [] if place in newest else self._references_to(frames, np.ones(len(map_.xyz), np.bool_))
                 estimate = track_pose(map_.rig, image, own or last, map_.xyz, T, self.tracking)
-                if estimate is not None and estimate.share >= self.tracking.relocalized_share:
+                if estimate is not None and estimate.share >= enough:
                     return estimate
-        return None
+                best = max(best, estimate, key=lambda one: 0 if one is None else len(one))
+        return best if best is not None and best.share >= self.tracking.relocalized_share else None
 
     def detect_loop(
         self, image: Pyramid, estimate: PoseEstimate, uv: FloatArray, descriptors: Descriptors
@@ -249,7 +256,10 @@ class PlaceRecognition:
         away = np.linalg.norm(poses[places, :3, 3] - estimate.T_world_camera[:3, 3], axis=1)
         worth = words / (1 + (np.maximum(0, away - reach) / np.maximum(slack[places], 1e-9)) ** 2)
         order = np.lexsort((places, -worth))
-        likely = places[order][worth[order] >= self.loops.min_words].tolist()
+        least = np.where(
+            np.isinf(slack[places]), 0, self.loops.min_words
+        )  # nothing but its looks leads to another part
+        likely = places[order][(worth >= least)[order]].tolist()
         left = (k for k in _apart(likely, known) if self._is_left(k, tracked))
         return [(k, float(slack[k])) for k in islice(left, self.loops.candidates)]
 
@@ -360,12 +370,12 @@ class PlaceRecognition:
             expected = project(map_.rig, (map_.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
         return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
 
-    def _most_similar(self, descriptors: Descriptors) -> list[int]:
+    def _most_similar(self, descriptors: Descriptors, most: int | None) -> list[int]:
         """Keyframes with an image, before the last ones, that share most words with what a lost camera shows."""
         places, words = self.index.query(self._sampled(descriptors), _ASKED)
-        likely = places[words >= self.loops.min_words].tolist()
+        likely = places[words >= (self.loops.min_words if most is None else 0)].tolist()
         kept = (k for k in _apart(likely, []) if self.map_.keyframes[k].index in self.map_.images)
-        return list(islice(kept, self.loops.lost_candidates))
+        return list(islice(kept, self.loops.lost_candidates if most is None else most))
 
     def _sampled(self, descriptors: Descriptors) -> Descriptors:
         return descriptors[:: max(1, len(descriptors) // self.loops.sample)]
