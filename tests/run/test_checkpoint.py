@@ -133,6 +133,11 @@ ARRAYS = {
     "a loop into the future": lambda state: state.update(closures=np.array([[1, 2]], np.int64)),
     "a loop at a frame that is none": lambda state: state.update(closures=np.array([[1000, 2]], np.int64)),
     "two loops at one frame": lambda state: state.update(closures=np.array([[2, 0], [2, 1]], np.int64)),
+    "a place seen again in the future": lambda state: state.update(
+        loops=np.array([[1, 2]], np.int64), looped=np.eye(6)[None]
+    ),
+    "a place seen again without a covariance": lambda state: state.update(loops=np.array([[2, 0]], np.int64)),
+    "fewer keyframes than there are": put("added", (), 0),
     "a landmark before the first": put("landmark", 0, -1),
     "a landmark beyond the last": put("landmark", 0, 1 << 40),
     "a landmark seen twice": lambda state: state["landmark"].__setitem__(0, state["landmark"][1]),

@@ -228,3 +228,13 @@ def test_places_in_the_table_of_sightings_are_used_again():
             sightings.drop(rows, frame - 3)
     assert sightings.count(rows).tolist() == [3] * 50
     assert len(sightings._frame) == 4 * 50
+
+
+def test_keyframes_are_culled_once_in_so_many_that_are_added_also_where_as_many_go(monkeypatch):
+    """Counted by the keyframes that are left, a map that stays at a multiple of that number is culled at each keyframe."""
+    drive, culled = Drive(30, cull_every=10, min_views=1, redundant_share=0.3).go(40), []
+    cull = drive.map._cull_keyframes
+    monkeypatch.setattr(drive.map, "_cull_keyframes", lambda: (culled.append(drive.map.added), cull()))
+    drive.go(60)
+    assert culled == list(range(50, 101, 10))
+    assert len(drive.map.keyframes) < drive.map.added == 100

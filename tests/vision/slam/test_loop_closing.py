@@ -98,9 +98,9 @@ def test_each_keyframe_sees_a_landmark_once_and_frames_keep_their_poses_when_the
     before, gone = None, 0
     thin = odometry.map._cull_keyframes
 
-    def watched(turn):
+    def watched():
         nonlocal gone
-        thin(turn)
+        thin()
         gone += len(odometry.map.dropped)
 
     odometry.map._cull_keyframes = watched

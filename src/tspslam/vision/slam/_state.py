@@ -59,7 +59,7 @@ _MAY_BE_NAN = frozenset({"disparity", "linked", "loop_seen"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
-_IS_ADJUSTING = 3  # place in `counts`
+_IS_ADJUSTING = 3  # place in `counts`: 1 for an adjustment, 2 for a loop that is being closed
 _LARGEST = 1e9  # of any value; positions in m
 _LATEST = 1e10  # s, of a stamp: in the year 2286, if it counts from 1970
 _ROUNDING = 1e-6  # m per m, of a product of poses
@@ -271,6 +271,8 @@ def _wrong_loop(state: Arrays) -> Iterator[str]:
         yield "a loop is closed by a landmark that is seen nowhere"
     if landmark.size and not state["counts"][_IS_ADJUSTING]:
         yield "a loop is left that nothing closes"
+    if state["counts"][_IS_ADJUSTING] > 1 and not landmark.size:
+        yield "a loop is being closed that is none"
 
 
 def _wrong_ids(state: Arrays) -> Iterator[str]:

@@ -29,7 +29,6 @@ from .sightings import Sightings
 
 _NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
 _index_of = attrgetter("index")
-_SELDOM = 3  # times `cull_every`: keyframes until one is looked at again that others have come back to
 _GAPS = 0.1  # share of the rows from a gap to the end that are gaps, from which these rows move up: 10 moves for each
 
 
@@ -299,13 +298,13 @@ class Map:
         return rows
 
     def _tidy(self) -> None:
-        """Forget images that are not looked for; now and then landmarks, by turns keyframes, that are of no use."""
+        """Forget images that are not looked for; now and then, landmarks and keyframes that are of no use."""
         last = self.settings.references
         if len(self.keyframes) > last:
             self._change(-last - 1, image=None)
         if self.added % self.settings.cull_every == 0:
             self._cull_landmarks()
-        self._cull_keyframes(self.added)
+            self._cull_keyframes()
 
     def _change(self, place: int, **changes: Any) -> None:
         self.keyframes[place] = replace(self.keyframes[place], **changes)
@@ -353,19 +352,17 @@ class Map:
             column.keep(first, kept)
         self.gaps = self.gaps[:place]
 
-    def _cull_keyframes(self, turn: int | None = None) -> None:
+    def _cull_keyframes(self) -> None:
         """Drop keyframes before the window that show hardly anything that others do not; the first one stays.
 
         A keyframe goes if most of its landmarks are seen by three others (Mur-Artal et al. 2015), or if an older one
-        looks from about there at the same: each place keeps a bounded number. All are looked at, or only those whose
-        turn it is: then no keyframe that is added pays for many.
+        looks from about there at the same: each place keeps a bounded number.
         """
         frames, gone = self.keyframes, list[int]()
         known: dict[str, Any] = {
             "sightings": self._sightings, "xyz": self.xyz, "window": self.window, "settings": self.settings
         }  # fmt: skip
-        due = [k for k in self._seen_by_the_window() if turn is None or self._is_due(k, turn)]
-        for k in due:
+        for k in self._seen_by_the_window():
             other = None if k == 0 or frames[k].is_start else find_replacement(frames, k, gone, **known)
             if other is not None:
                 gone.append(k)
@@ -376,12 +373,6 @@ class Map:
                 self.images.drop(frames[k].index)
         for k in reversed(gone):
             del self.keyframes[k]
-
-    def _is_due(self, k: int, turn: int) -> bool:
-        """Whether it is a keyframe's turn: once in `cull_every` as it leaves the window, later more seldom."""
-        every = self.settings.cull_every
-        every *= 1 if k >= len(self.keyframes) - self.window - 2 * every else _SELDOM
-        return (self.keyframes[k].index - turn) % every == 0
 
     def _seen_by_the_window(self) -> list[int]:
         """Keyframes before the window that see a landmark of it: others have not changed."""

@@ -34,7 +34,12 @@ class Links:
 
     @classmethod
     def of_none(cls) -> Links:
-        """Make an empty one."""
+        """Make an empty one.
+
+        Returns
+        -------
+        Links
+        """
         return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 6, 6)))
 
     def and_one(self, frame: int, against: int, covariance: FloatArray) -> Links:
