@@ -80,16 +80,17 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     "_threads": {"errors"},
     "errors": set(),
 }
-SHARED = {"rig", "se3", "images"}  # files of `vision` that its rooms may stand on
+SHARED = {"rig", "se3", "images", "_sampling"}  # files of `vision` that its rooms may stand on
 BELOW_IN_VISION = {
     "slam": {"stereo", "features"} | SHARED,
     "depth": set(),
-    "stereo": {"features", "rig", "images"},
+    "stereo": {"features", "rig", "images", "_sampling"},
     "features": {"images"},
     "calibration": {"rig", "se3"},
     "visibility": {"_visibility", "rig"},
     "evaluate": {"se3"},
     "_visibility": set(),
+    "_sampling": set(),
     "rig": set(),
     "se3": set(),
     "images": {"rig"},

@@ -42,6 +42,29 @@ def test_the_path_is_final_once_the_session_is_finished(walk):
     assert evaluate_trajectory(path, truth).ate_rmse_m < 0.02
 
 
+def test_a_pair_made_ready_gives_the_same_frame_whoever_writes_over_it_since(walk):
+    pair = walk[0][0]
+    mine = replace(pair, left=pair.left.copy(), right=pair.right.copy())
+    with Session(RIG, STAGES) as session, Session(RIG, STAGES) as other:
+        ready = session.prepare(mine)
+        mine.left[:], mine.right[:] = 0, 0
+        frame, expected = session.process(ready), other.process(pair)
+        assert frame.image.tobytes() == expected.image.tobytes()
+        assert frame.response.z.tobytes() == expected.response.z.tobytes()
+
+
+def test_what_is_wrong_with_a_pair_is_said_when_it_is_processed(walk):
+    pair = walk[0][0]
+    with Session(RIG, STAGES) as session:
+        twice, cut = replace(pair, right=pair.left), replace(pair, left=pair.left[1:])
+        for wrong, kind, said in ((twice, GeometryError, "same picture"), (cut, InputError, "left")):
+            ready = session.prepare(wrong)
+            with pytest.raises(kind, match=said):
+                session.process(ready)
+        with pytest.raises(InputError, match="pair"):
+            session.prepare(None)
+
+
 def test_a_closed_session_takes_no_pair_and_leaves_no_thread(walk):
     before = threading.active_count()
     with Session(RIG, STAGES) as session:

@@ -33,7 +33,12 @@ def inlined(function: Callable[..., Any]) -> Any:
     return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
 
 
-@intrinsic
+def instructions(function: Callable[..., Any]) -> Any:
+    """Let kernels call what `function` writes: instructions that a compiler does not find by itself."""
+    return intrinsic(function)
+
+
+@instructions
 def prefetch(_context: Any, array: Any, _row: Any) -> Any:
     """Ask the processor to bring row `_row` of `array` near; no other effect, and no check of the index."""
 

@@ -5,7 +5,7 @@ import pytest
 
 from tspslam.errors import InputError
 from tspslam.types import StereoPair
-from tspslam.vision.features._corners import orientations, segment_scores
+from tspslam.vision.features._corners import find_corners, orientations, segment_scores
 from tspslam.vision.features.orb import OrbDetector
 from tspslam.vision.features.sift_brisk import BriskDetector, SiftDetector
 from tspslam.vision.features.spread import _strongest_first
@@ -147,6 +147,18 @@ def test_corner_score_is_that_of_the_plain_segment_test() -> None:
         dark = max(min(-r for r in ring[k : k + 4]) for k in range(8))
         best = max(bright, dark)
         assert score[y, x] == (best if best > 10 else 0)
+
+
+def test_the_strength_of_a_corner_is_its_harris_response() -> None:
+    image = noise(60, 70)
+    xy, strength = find_corners(image, 10, 19)
+    grey = image.astype(np.int64)
+    gx, gy = np.roll(grey, -1, 1) - np.roll(grey, 1, 1), np.roll(grey, -1, 0) - np.roll(grey, 1, 0)
+    assert len(xy) > 3
+    for (x, y), found in zip(xy, strength, strict=True):
+        block = slice(y - 3, y + 4), slice(x - 3, x + 4)
+        xx, xy_, yy = (float((a[block] * b[block]).sum()) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
+        assert found == pytest.approx((xx * yy - xy_**2 - 0.04 * (xx + yy) ** 2) / 7**4, rel=1e-4)
 
 
 def test_orientation_turns_with_the_image() -> None:

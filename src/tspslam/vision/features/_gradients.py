@@ -6,14 +6,15 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
+
+from ..._jit import instructions
 
 _LANES, _SIDE = 8, 7  # columns that are worked on, and those that count
 _BYTE, _WORD = ir.IntType(8), ir.IntType(32)
 _BYTES, _WORDS = ir.VectorType(_BYTE, _LANES), ir.VectorType(_WORD, _LANES)
 
 
-@intrinsic
+@instructions
 def gradient_products(_context: Any, image: Any, _start: Any, _stride: Any) -> Any:
     """Sum gx gx, gx gy, gy gy over 7 x 7 pixels of which the first is ``image[start]``; exact.
 
@@ -38,7 +39,7 @@ def gradient_products(_context: Any, image: Any, _start: Any, _stride: Any) -> A
             sums = [builder.add(total, product) for total, product in zip(sums, products, strict=True)]
         return context.make_tuple(builder, signature.return_type, [_total(builder, each) for each in sums])
 
-    return types.UniTuple(types.int32, 3)(image, types.int64, types.int64), generate
+    return types.containers.UniTuple(types.int32, 3)(image, types.int64, types.int64), generate
 
 
 def _total(builder: Any, lanes: Any) -> Any:

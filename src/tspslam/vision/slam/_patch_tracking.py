@@ -6,13 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._jit import inlined, kernel, reassociated_kernel
+from .._sampling import LANES, prefetch_square, sample_cubic, window_moments
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Moments = tuple[np.float32, ...]
 
 _MIN_VARIANCE = np.float32(1.0)  # grey levels squared; below it a window has no texture
 _CONVERGED, _STEPS = 0.01, 12  # px; iterations
 _PLACES = 512  # of a sample between two pixels
+_WHOLE, _HIDDEN = float(1 << 32), 23  # parts of a pixel; their bits that are too small for a place
 _MIN_SHAPE = 0.02  # smaller eigenvalue of the normal matrix over the larger one, about
 
 
@@ -26,126 +29,83 @@ def cubic_taps(f: float, taps: Float32) -> None:
 
 
 def _table() -> Float32:
-    """Taps for all places between two pixels, to 1/1024 px."""
-    taps = np.empty((_PLACES + 1, 4), np.float32)
-    for k in range(_PLACES + 1):
+    """Taps for all places between two pixels, to 1/1024 px, four after four."""
+    taps = np.empty((_PLACES, 4), np.float32)
+    for k in range(_PLACES):
         cubic_taps.py_func(k / _PLACES, taps[k])
-    return taps
+    return taps.ravel()
 
 
 _TAPS = _table()
-_ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)  # plain steps of indices that are never negative
 
 
 @reassociated_kernel
 def _sample_warped(image: Float32, place: Float64, warp: Float64, out: Float32) -> bool:
-    """Fill `out` with samples at ``place + warp · offset``; False if any lies outside."""
+    """Fill `out` with samples at ``place + warp · offset``; False if any lies outside.
+
+    Places are whole numbers of 2⁻³² px: of these, the upper half is the pixel, and the next nine bits are its taps.
+    """
     height, width = image.shape
     side, reach = out.shape[0], out.shape[0] // 2
     far_u = (abs(warp[0, 0]) + abs(warp[0, 1])) * reach + 2
     far_v = (abs(warp[1, 0]) + abs(warp[1, 1])) * reach + 2
     if not (far_u <= place[0] < width - far_u - 1 and far_v <= place[1] < height - far_v - 1):
         return False
+    flat, half = image.ravel(), 1 << (_HIDDEN - 1)
+    uu, uv = np.int64(warp[0, 0] * _WHOLE), np.int64(warp[0, 1] * _WHOLE)
+    vu, vv = np.int64(warp[1, 0] * _WHOLE), np.int64(warp[1, 1] * _WHOLE)
+    first_u = np.int64((place[0] - 1) * _WHOLE) - reach * (uu + uv) + half
+    first_v = np.int64((place[1] - 1) * _WHOLE) - reach * (vu + vv) + half
     for a in range(side):
+        u, v = first_u + a * uv, first_v + a * vv
         for b in range(side):
-            u = place[0] + warp[0, 0] * (b - reach) + warp[0, 1] * (a - reach) - 1
-            v = place[1] + warp[1, 0] * (b - reach) + warp[1, 1] * (a - reach) - 1
-            x, y = np.uint64(u), np.uint64(v)
-            across, down = _TAPS[np.uint64((u - x) * _PLACES + 0.5)], _TAPS[np.uint64((v - y) * _PLACES + 0.5)]
-            value = np.float32(0)
-            for k in range(4):
-                row = y + np.uint64(k)
-                value += down[k] * (
-                    across[0] * image[row, x] + across[1] * image[row, x + _ONE]
-                    + across[2] * image[row, x + _TWO] + across[3] * image[row, x + _THREE]
-                )  # fmt: skip
-            out[a, b] = value
+            across, down = ((u >> _HIDDEN) & (_PLACES - 1)) * 4, ((v >> _HIDDEN) & (_PLACES - 1)) * 4
+            out[a, b] = sample_cubic(flat, (v >> 32) * width + (u >> 32), width, _TAPS, across, down)
+            u += uu
+            v += vu
     return True
 
 
-@reassociated_kernel
-def _sample_shifted(image: Float32, u: float, v: float, taps: Float32, rows: Float32, out: Float32) -> bool:
-    """Fill `out` with the square window centred on (u, v); False if it leaves the image."""
-    height, width = image.shape
-    side = out.shape[0]
-    left, top = u - side // 2, v - side // 2
-    x, y = int(np.floor(left)), int(np.floor(top))
-    if x < 1 or y < 1 or x + side + 2 > width or y + side + 2 > height:
-        return False
-    cubic_taps(left - x, taps)
-    t0, t1, t2, t3 = taps[0], taps[1], taps[2], taps[3]
-    for a in range(side + 3):
-        line = image[y - 1 + a, x - 1 : x + side + 2]
-        for k in range(side):
-            rows[a, k] = t0 * line[k] + t1 * line[k + 1] + t2 * line[k + 2] + t3 * line[k + 3]
-    cubic_taps(top - y, taps)
-    t0, t1, t2, t3 = taps[0], taps[1], taps[2], taps[3]
-    for a in range(side):
-        for k in range(side):
-            out[a, k] = t0 * rows[a, k] + t1 * rows[a + 1, k] + t2 * rows[a + 2, k] + t3 * rows[a + 3, k]
-    return True
+@inlined
+def _falls_off(radius: int, away: Float32) -> None:
+    """Fill `away` with what divides the weights of pixels away from the centre: 1 + (distance / radius)²."""
+    for a in range(2 * radius + 1):
+        for b in range(2 * radius + 1):
+            square = (a - radius) * (a - radius) + (b - radius) * (b - radius)
+            away[a, b] = np.float32(1) + np.float32(square) / np.float32(radius * radius)
 
 
 @reassociated_kernel
 def _prepare(
-    patch: Float32, contrast: float, weight: Float32, template: Float32, gu: Float32, gv: Float32, normal: Float64
-) -> bool:
-    """Weights, centred template and gradients of a patch with a margin of 1 px; False where it estimates no place.
+    patch: Float32, contrast: float, away: Float32, weight: Float32, template: Float32, gu: Float32, gv: Float32
+) -> Moments:
+    """Weights, template and gradients of a patch with a margin of 1 px, grey levels less that of its centre.
 
-    `normal` receives the moments uu, uv, vv of the gradients and the variance of the template.
+    Returns the weights' sum; the weighted means t, u, v of template and gradients; their moments tt, tu, tv, uu, uv, vv
+    about these.
     """
     side = template.shape[0]
-    r = side // 2
-    middle, slope, total = patch[r + 1, r + 1], np.float32(contrast), np.float32(0)
+    middle, slope = patch[side // 2 + 1, side // 2 + 1], np.float32(contrast)
+    zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
+    total, t, u, v, tt, tu, tv, uu, uv, vv = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
     for a in range(side):
-        for b in range(side):
-            other = (patch[a + 1, b + 1] - middle) * slope
-            away = np.float32((a - r) * (a - r) + (b - r) * (b - r)) / np.float32(r * r)
-            w = np.float32(1) / ((np.float32(1) + other * other) * (np.float32(1) + away))
-            weight[a, b] = w
-            total += w
-    mt, mu, mv = np.float32(0), np.float32(0), np.float32(0)
-    half = np.float32(0.5)
-    for a in range(side):
-        for b in range(side):
-            w = weight[a, b] / total
-            weight[a, b] = w
-            template[a, b] = patch[a + 1, b + 1]
-            gu[a, b] = half * (patch[a + 1, b + 2] - patch[a + 1, b])
-            gv[a, b] = half * (patch[a + 2, b + 1] - patch[a, b + 1])
-            mt += w * template[a, b]
-            mu += w * gu[a, b]
-            mv += w * gv[a, b]
-    uu, uv, vv, tt = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    for a in range(side):
-        for b in range(side):
-            w = weight[a, b]
-            template[a, b] -= mt
-            gu[a, b] -= mu
-            gv[a, b] -= mv
-            uu += w * gu[a, b] * gu[a, b]
-            uv += w * gu[a, b] * gv[a, b]
-            vv += w * gv[a, b] * gv[a, b]
-            tt += w * template[a, b] * template[a, b]
-    normal[0], normal[1], normal[2], normal[3] = uu, uv, vv, tt
-    return bool(tt > _MIN_VARIANCE and uu * vv - uv * uv > _MIN_SHAPE * (uu + vv) * (uu + vv))
-
-
-@reassociated_kernel
-def _moments(
-    window: Float32, weight: Float32, template: Float32, gu: Float32, gv: Float32
-) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32]:
-    """Weighted mean and square of a window, and its products with the template and the gradients; all flat."""
-    zero = np.float32(0)
-    mean, square, shared, along, down = zero, zero, zero, zero, zero
-    for k in range(window.shape[0]):
-        w = weight[k] * window[k]
-        mean += w
-        square += w * window[k]
-        shared += w * template[k]
-        along += w * gu[k]
-        down += w * gv[k]
-    return mean, square, shared, along, down
+        above, here, below = patch[a], patch[a + 1], patch[a + 2]
+        for b in range(side):  # rows may be longer
+            level = here[b + 1] - middle
+            other = level * slope
+            w = one / ((one + other * other) * away[a, b])
+            along, down = half * (here[b + 2] - here[b]), half * (below[b + 1] - above[b + 1])
+            weight[a, b], template[a, b], gu[a, b], gv[a, b] = w, level, along, down
+            wt, wu, wv = w * level, w * along, w * down
+            total, t, u, v = total + w, t + wt, u + wu, v + wv
+            tt, tu, tv = tt + wt * level, tu + wt * along, tv + wt * down
+            uu, uv, vv = uu + wu * along, uv + wu * down, vv + wv * down
+    scale = one / total
+    t, u, v = t * scale, u * scale, v * scale
+    return (
+        total, t, u, v, tt * scale - t * t, tu * scale - t * u, tv * scale - t * v, uu * scale - u * u,
+        uv * scale - u * v, vv * scale - v * v,
+    )  # fmt: skip
 
 
 @kernel
@@ -160,30 +120,46 @@ def track_level(
     the iteration did not converge within `reach` px of its start; `uv` then stays.
     """
     side = 2 * radius + 1
-    patch, weight = np.empty((side + 2, side + 2), np.float32), np.empty((side, side), np.float32)
-    template, gu, gv = np.empty_like(weight), np.empty_like(weight), np.empty_like(weight)
-    window, rows = np.empty_like(weight), np.empty((side + 3, side), np.float32)
-    flat = window.ravel(), weight.ravel(), template.ravel(), gu.ravel(), gv.ravel()
-    taps, normal = np.empty(4, np.float32), np.empty(4)
+    patch, away = np.empty((side + 2, side + 2), np.float32), np.empty((side, side), np.float32)
+    blocks = -(-side // LANES)
+    factors = np.zeros((4, side, blocks * LANES), np.float32)
+    weight, template, gu, gv, flat = factors[0], factors[1], factors[2], factors[3], factors.ravel()
+    taps, images = np.empty(8, np.float32), (reference.ravel(), current.ravel())
+    across, down = taps[:4], taps[4:]
+    height, width = current.shape
+    last = height * width - (side + 2) * width - blocks * LANES - 3  # beyond which pixels after the image are read
+    _falls_off(radius, away)
     for i in range(place.shape[0]):
         score[i] = -1
+        if i + 1 < place.shape[0]:
+            prefetch_square(images[0], reference.shape, place[i + 1, 0], place[i + 1, 1], radius + 3)
+            prefetch_square(images[1], current.shape, uv[i + 1, 0], uv[i + 1, 1], radius + 3)
         if not _sample_warped(reference, place[i], warp[i], patch):
             continue
-        if not _prepare(patch, contrast, weight, template, gu, gv, normal):
-            continue
-        uu, cross, vv, variance = normal[0], normal[1], normal[2], normal[3]
+        prepared = _prepare(patch, contrast, away, weight, template, gu, gv)
+        total, mean_t, mean_u, mean_v, variance, along0, down0, uu, cross, vv = prepared
         determinant = uu * vv - cross * cross
-        _, _, _, along0, down0 = _moments(flat[2], flat[1], flat[2], flat[3], flat[4])
-        u, v = uv[i, 0], uv[i, 1]
+        if not (variance > _MIN_VARIANCE and determinant > _MIN_SHAPE * (uu + vv) * (uu + vv)):
+            continue
+        u, v, middle = uv[i, 0], uv[i, 1], patch[radius + 1, radius + 1]
         for _ in range(_STEPS):
-            if not _sample_shifted(current, u, v, taps, rows, window):
+            left, top = u - radius, v - radius
+            x, y = int(np.floor(left)), int(np.floor(top))
+            first = (y - 1) * width + x - 1
+            if x < 1 or y < 1 or x + side + 2 > width or y + side + 2 > height or first > last:
                 break
-            mean, square, shared, along, over = _moments(flat[0], flat[1], flat[2], flat[3], flat[4])
-            spread = square - mean * mean
+            cubic_taps(left - x, across)
+            cubic_taps(top - y, down)
+            mean, square, shared, along, over = window_moments(
+                images[1], first, width, taps, flat, side, blocks, middle
+            )
+            mean /= total
+            spread, shared = square / total - mean * mean, shared / total - mean_t * mean
             if spread < _MIN_VARIANCE or shared <= 0:
                 break
             gain = shared / spread
-            a, b = gain * along - along0, gain * over - down0
+            a = gain * (along / total - mean_u * mean) - along0
+            b = gain * (over / total - mean_v * mean) - down0
             du, dv = (vv * a - cross * b) / determinant, (uu * b - cross * a) / determinant
             u -= min(max(du, -2.0), 2.0)
             v -= min(max(dv, -2.0), 2.0)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..._threads import in_halves
+from ..._threads import both
 from ...types import BoolArray, FloatArray, Rig
-from ..images import Plane, Pyramid
+from ..images import Pyramid
 
 _WORTH = 150  # points that make a second thread worth its start
 
@@ -76,26 +77,80 @@ def track_patches(
     >>> uv.round(1).tolist(), good.tolist()
     ([[33.0, 30.0]], [True])
     """
-    uv, score = np.array(guess, np.float64), np.full(len(place), -1.0)
-    for level in levels:
-        if level < len(current.levels):
-            size, planes = 2.0**level, (reference.levels[level], current.levels[level])
-            uv /= size
-            _track_level(planes, place / size, warp, uv, score, patch)
-            uv *= size
-    return uv, np.asarray(score >= patch.min_correlation)
+    return track_sought([Sought(reference, place, warp, guess)], current, levels, patch)[0]
 
 
-def _track_level(
-    planes: tuple[Plane, Plane], place: FloatArray, warp: FloatArray, uv: FloatArray, score: FloatArray, patch: Patch
+@dataclass(frozen=True)
+class Sought:
+    """Points of one image that are looked for in another.
+
+    Attributes
+    ----------
+    reference : Pyramid
+        The image.
+    place : (N, 2) float64
+        The points, px.
+    warp : (N, 2, 2) float64
+        As `compute_warps` gives them.
+    guess : (N, 2) float64
+        Where they are expected, px.
+    """
+
+    reference: Pyramid
+    place: FloatArray
+    warp: FloatArray
+    guess: FloatArray
+
+
+def track_sought(
+    sought: Sequence[Sought], current: Pyramid, levels: range, patch: Patch
+) -> list[tuple[FloatArray, BoolArray]]:  # fmt: skip
+    """`track_patches` of points of several images, half of each image's in a second thread if they are many.
+
+    Parameters
+    ----------
+    sought : sequence of Sought
+        The points.
+    current : Pyramid
+        The image that they are looked for in.
+    levels, patch
+        As `track_patches` takes them.
+
+    Returns
+    -------
+    list of ((N, 2) float64, (N,) bool)
+        Of each image's points what `track_patches` returns.
+    """
+    found = [(np.array(each.guess, np.float64), np.full(len(each.place), -1.0)) for each in sought]
+    there = [level for level in levels if level < len(current.levels)]
+
+    def part(half: int) -> None:
+        for each, (uv, score) in zip(sought, found, strict=True):
+            middle = len(uv) // 2
+            rows = slice(0, middle) if half == 0 else slice(middle, len(uv))
+            _track_rows(each, current, there, patch, rows, uv[rows], score[rows])
+
+    if sum(len(each.place) for each in sought) >= _WORTH:
+        both(part, (0, 1))
+    else:
+        part(0)
+        part(1)
+    return [(uv, np.asarray(score >= patch.min_correlation)) for uv, score in found]
+
+
+def _track_rows(
+    sought: Sought, current: Pyramid, levels: list[int], patch: Patch, rows: slice, uv: FloatArray, score: FloatArray
 ) -> None:
-    """One level of `track_patches`; `uv` and `score` are changed."""
+    """Some of the points of an image, from level to level; `uv` and `score`, of these alone, are changed."""
     from ._patch_tracking import track_level
 
-    def part(rows: slice) -> None:
-        track_level(*planes, place[rows], warp[rows], patch.radius, patch.contrast, patch.reach, uv[rows], score[rows])
-
-    in_halves(part, len(place), _WORTH)
+    given = patch.radius, patch.contrast, patch.reach
+    if len(uv):
+        for level in levels:
+            size, planes = 2.0**level, (sought.reference.levels[level], current.levels[level])
+            uv /= size
+            track_level(*planes, sought.place[rows] / size, sought.warp[rows], *given, uv, score)
+            uv *= size
 
 
 def compute_warps(rig: Rig, T: FloatArray, xyz: FloatArray) -> FloatArray:

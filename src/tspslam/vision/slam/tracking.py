@@ -16,7 +16,7 @@ from ..se3 import inverse
 from ..stereo.dense import checked_map, sample_map, sample_sigma
 from ..stereo.matches import uv_right
 from ..stereo.row_matcher import SearchNear, level_rows
-from .patch_tracking import Patch, compute_warps, track_patches
+from .patch_tracking import Patch, Sought, compute_warps, track_sought
 from .pose import PoseEstimate, fit_robustly
 
 _Stage = tuple[range, float, tuple[float, ...], int]  # levels, spread of a point in px, gates, points
@@ -292,12 +292,13 @@ def _track(
     """Where about `most` of the landmarks that should be seen from a pose are found in the image."""
     visible = [_visible(rig, image, reference, xyz, T, settings) for reference in references]
     in_view = sum(map(len, visible))
-    step = max(1, in_view // most)
-    found = [
-        _track_reference(rig, image, reference, rows[::step], xyz, T, levels, settings.patch)
-        for reference, rows in zip(references, visible, strict=True)
-    ]
-    uv, landmark = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    step = max(1, -(-in_view // most))
+    known = [_seek(rig, reference, rows[::step], xyz, T) for reference, rows in zip(references, visible, strict=True)]
+    found = track_sought([sought for sought, _ in known], image, levels, settings.patch)
+    uv, good = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    landmark = np.concatenate([landmark for _, landmark in known])
+    good &= are_usable(image.usable, uv)
+    uv, landmark = uv[good], landmark[good]
     return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view, len(uv))
 
 
@@ -313,19 +314,15 @@ def _visible(
     return np.flatnonzero(is_alike & _is_inside(rig, uv) & are_usable(image.usable, uv))
 
 
-def _track_reference(
-    rig: Rig, image: Pyramid, reference: Reference, rows: NDArray[np.int64], xyz: FloatArray, T: FloatArray,
-    levels: range, patch: Patch,
-) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
-    """Places of some of a reference's landmarks in an image that was taken at about the pose T, and which they are."""
+def _seek(
+    rig: Rig, reference: Reference, rows: NDArray[np.int64], xyz: FloatArray, T: FloatArray
+) -> tuple[Sought, NDArray[np.int64]]:  # fmt: skip
+    """Where some of a reference's landmarks should be in an image taken at about the pose T, and which they are."""
     landmark = reference.landmark[rows]
-    places = project(rig, _in_camera(xyz, landmark, T))
-    shapes = compute_warps(
-        rig, inverse(T) @ reference.T_world_camera, _in_camera(xyz, landmark, reference.T_world_camera)
-    )
-    uv, good = track_patches(reference.image, image, reference.uv[rows], shapes, places, levels, patch)
-    good &= are_usable(image.usable, uv)
-    return uv[good], landmark[good]
+    before = _in_camera(xyz, landmark, reference.T_world_camera)
+    warps = compute_warps(rig, inverse(T) @ reference.T_world_camera, before)
+    guess = project(rig, _in_camera(xyz, landmark, T))
+    return Sought(reference.image, reference.uv[rows], warps, guess), landmark
 
 
 def _in_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._jit import inlined, kernel, reassociated_kernel
+from .._sampling import LANES, add_correlations, prefetch_square, row_moments
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -44,33 +45,47 @@ def support_weights(image: Float32, x: int, y: int, radius: int, contrast: float
 
 @reassociated_kernel
 def correlate(
-    image: Float32, other: Float32, x: int, y: int, radius: int, begin: int, weight: Float32, sums: Float32
-) -> None:
+    images: tuple[Float32, Float32], width: int, x: int, y: int, radius: int, begin: int, count: int, weight: Float32,
+    scratch: Float32,
+) -> Float32:  # fmt: skip
     """Weighted correlation of one patch with the patches of the other image centred at begin, begin + 1, ...
 
-    `sums` is (3, count) scratch; its first row receives the coefficients.
+    Images are flat. Of `scratch`, three times ``count + LANES`` are used; the part of it with the coefficients is
+    returned.
     """
-    count = sums.shape[1]
-    sums[:] = 0
-    mean = np.float32(0)
-    square = np.float32(0)
-    for dy in range(-radius, radius + 1):
-        row = other[y + dy]
-        for dx in range(-radius, radius + 1):
-            w = weight[dy + radius, dx + radius]
-            value = image[y + dy, x + dx]
-            weighted = w * value
+    side, pitch, top = 2 * radius + 1, weight.shape[1], (y - radius) * width
+    length = -(-count // LANES) * LANES
+    first, second = top + x - radius, top + begin - radius
+    early = max(0, second + (side - 1) * (width + 1) + length - len(images[1]))  # no pixel after the image is read
+    mean, square, middle = np.float32(0), np.float32(0), images[0][y * width + x]
+    for row in range(side):
+        here = images[0][first + row * width : first + row * width + side]
+        for column in range(side):
+            value = here[column] - middle
+            weighted = weight[row, column] * value
             mean += weighted
             square += weighted * value
-            part = row[begin + dx : begin + dx + count]
-            for k in range(count):
-                sums[0, k] += weighted * part[k]
-                sums[1, k] += w * part[k]
-                sums[2, k] += w * part[k] * part[k]
+    for at in range(0, length, LANES):
+        add_correlations(
+            images[0],
+            first,
+            images[1],
+            second - early + at,
+            width,
+            weight.ravel(),
+            side,
+            pitch,
+            scratch,
+            at,
+            length,
+            middle,
+        )
+    shared, others, squares = scratch[:length], scratch[length : 2 * length], scratch[2 * length : 3 * length]
     variance = max(square - mean * mean, _MIN_VARIANCE)
-    for k in range(count):
-        other_variance = max(sums[2, k] - sums[1, k] * sums[1, k], _MIN_VARIANCE)
-        sums[0, k] = (sums[0, k] - mean * sums[1, k]) / np.sqrt(variance * other_variance)
+    for k in range(length):
+        other_variance = max(squares[k] - others[k] * others[k], _MIN_VARIANCE)
+        shared[k] = (shared[k] - mean * others[k]) / np.sqrt(variance * other_variance)
+    return shared[early : early + count]
 
 
 @inlined
@@ -111,10 +126,13 @@ def search_rows(
     """
     height, width = image.shape
     widest = 2 * radius + 1
-    weight = np.empty((widest, widest), np.float32)
-    scratch = np.empty(3 * width, np.float32)
+    weight = np.zeros((widest, -(-widest // LANES) * LANES), np.float32)
+    scratch, images = np.empty(3 * (width + LANES), np.float32), (image.ravel(), other.ravel())
     for i in range(xy.shape[0]):
         x, y, r = xy[i, 0], xy[i, 1], radius
+        if i + 1 < xy.shape[0]:
+            prefetch_square(images[0], image.shape, xy[i + 1, 0], xy[i + 1, 1], radius)
+            prefetch_square(images[1], other.shape, xy[i + 1, 0] + shift[i + 1, 0], xy[i + 1, 1], radius)
         begin = max(x + shift[i, 0], r)
         count = min(x + shift[i, 1], width - 1 - r) - begin + 1
         found[i, 0] = 0
@@ -122,10 +140,10 @@ def search_rows(
         found[i, 2] = -1
         if count < 1 or x < r or x >= width - r or y < r or y >= height - r:
             continue
-        sums = scratch[: 3 * count].reshape(3, count)
+        if (widest - 1) * (width + 1) + count + LANES > height * width:  # hardly higher than the patch
+            continue
         support_weights(image, x, y, r, contrast, weight)
-        correlate(image, other, x, y, r, begin, weight, sums)
-        best, score, rival = peak_and_rival(sums[0])
+        best, score, rival = peak_and_rival(correlate(images, width, x, y, r, begin, count, weight, scratch))
         found[i, 0] = begin + best - x
         found[i, 1] = score
         found[i, 2] = rival
@@ -141,46 +159,6 @@ def lagrange_taps(f: float, taps: Float32) -> None:
     taps[3] = a * b * f * d * e / 12
     taps[4] = -a * b * f * c * e / 24
     taps[5] = a * b * f * c * d / 120
-
-
-@reassociated_kernel
-def moments(
-    left: Float32,
-    right: Float32,
-    x: int,
-    y: int,
-    radius: int,
-    column: int,
-    taps: Float32,
-    weight: Float32,
-    strip: Float32,
-) -> Moments:
-    """Weighted sums of l, r, g, ll, lr, lg, rr, rg, gg over a patch; r is interpolated, g the mean gradient."""
-    side = 2 * radius + 1
-    zero, quarter = np.float32(0), np.float32(0.25)  # half of two central differences, averaged
-    ml, mr, mg, ll, lr, lg, rr, rg, gg = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    t0, t1, t2, t3, t4, t5 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5]
-    for dy in range(side):
-        row = right[y - radius + dy, column - radius - 3 : column + radius + 5]
-        here = left[y - radius + dy, x - radius - 1 : x + radius + 2]
-        for k in range(side + 2):
-            strip[k] = (
-                t0 * row[k] + t1 * row[k + 1] + t2 * row[k + 2] + t3 * row[k + 3] + t4 * row[k + 4] + t5 * row[k + 5]
-            )
-        for k in range(side):
-            w, lv, rv = weight[dy, k], here[k + 1], strip[k + 1]
-            gv = quarter * (strip[k + 2] - strip[k] + here[k + 2] - here[k])
-            wl, wr, wg = w * lv, w * rv, w * gv
-            ml += wl
-            mr += wr
-            mg += wg
-            ll += wl * lv
-            lr += wl * rv
-            lg += wl * gv
-            rr += wr * rv
-            rg += wr * gv
-            gg += wg * gv
-    return ml, mr, mg, ll, lr, lg, rr, rg, gg
 
 
 @inlined
@@ -203,26 +181,26 @@ def solve_step(
 
 @kernel
 def align_one(
-    left: Float32,
-    right: Float32,
-    x: int,
-    y: int,
-    radius: int,
-    start: float,
+    images: tuple[Float32, Float32], shape: tuple[int, int], x: int, y: int, radius: int, start: float, taps: Float32,
     weight: Float32,
-    strip: Float32,
-    taps: Float32,
-) -> tuple[float, float, float, bool]:
+) -> tuple[float, float, float, bool]:  # fmt: skip
     """Iterate `solve_step` until it moves by less than 0.004 px: displacement, correlation, gain, success."""
     shift, score, gain = start, 0.0, 0.0
-    width = right.shape[1]
+    (height, width), side, top = shape, 2 * radius + 1, (y - radius) * shape[1]
+    blocks = len(weight) // (side * LANES)
+    last = height * width - (side - 1) * width - blocks * LANES - 7  # beyond which pixels after the image are read
+    first, middle = top + x - radius - 1, images[0][y * width + x]
     for _ in range(12):
         whole = np.floor(shift)
         column = x + int(whole)
+        second = top + column - radius - 3
         if abs(shift - start) > 2.0 or column - radius < 3 or column + radius + 4 >= width:
             return shift, score, gain, False
+        if max(first, second) > last:
+            return shift, score, gain, False
         lagrange_taps(shift - whole, taps)
-        step, gain, score = solve_step(moments(left, right, x, y, radius, column, taps, weight, strip))
+        sums = row_moments(images[0], first, images[1], second, width, taps, weight, side, blocks, middle)
+        step, gain, score = solve_step(sums)
         if gain == 0.0:
             return shift, score, gain, False
         shift += min(max(step, -1.0), 1.0)
@@ -241,17 +219,19 @@ def align_rows(
     within 2 px of its start (0 elsewhere). Other parameters as in `search_rows`.
     """
     height, width = image.shape
-    widest = 2 * radius + 1
-    weight = np.empty((widest, widest), np.float32)
-    strip = np.empty(widest + 2, np.float32)
-    taps = np.empty(6, np.float32)
+    side = 2 * radius + 1
+    weight = np.zeros((side, -(-side // LANES) * LANES), np.float32)
+    taps, flat, images = np.empty(6, np.float32), weight.ravel(), (image.ravel(), other.ravel())
     for i in range(xy.shape[0]):
         x, y, r = xy[i, 0], xy[i, 1], radius
+        if i + 1 < xy.shape[0]:
+            prefetch_square(images[0], image.shape, xy[i + 1, 0], xy[i + 1, 1], radius + 1)
+            prefetch_square(images[1], image.shape, xy[i + 1, 0] + start[i + 1], xy[i + 1, 1], radius + 3)
         found[i, :] = 0
         if x <= r or x >= width - r - 1 or y < r or y >= height - r:
             continue
         support_weights(image, x, y, r, contrast, weight)
-        shift, score, gain, ok = align_one(image, other, x, y, r, start[i], weight, strip, taps)
+        shift, score, gain, ok = align_one(images, image.shape, x, y, r, start[i], taps, flat)
         found[i, 0], found[i, 1], found[i, 2], found[i, 3] = shift, score, gain, ok
 
 
