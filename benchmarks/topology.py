@@ -60,6 +60,14 @@ def growth_figures(sizes: tuple[int, ...] = SIZES, rounds: int = 5) -> Figures:
     return figures
 
 
+def complex_growth(small: int = 20_000, large: int = 1_000_000, rounds: int = 5) -> float:
+    """CPU time a vertex of complex and neighbourhoods of a large mesh in random order, beside that of a small one."""
+    scenes = random_scene(small), random_scene(large)
+    build = lambda scene: tspslam.build_complex(scene.faces, len(scene.uv)).neighbours()  # noqa: E731
+    times = [[cpu_seconds(lambda s=scene: build(s), large // len(scene.uv)) for scene in scenes] for _ in range(rounds)]
+    return float(np.median([many / few for few, many in times])) * small / large
+
+
 def thread_figures(n: int = 1_000_000, rounds: int = 7) -> Figures:
     """Seconds of the stage of a large mesh on one thread and on two: the best, as others use the machine too."""
     scene = random_scene(n, scale=round(math.sqrt(n / SIZES[0])))
