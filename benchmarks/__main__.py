@@ -33,6 +33,7 @@ FIGURES = {
     "16 times the pixels": topology.resolution_figures,
     "construction": topology.construction_figures,
     "growth": topology.growth_figures,
+    "two threads": topology.thread_figures,
     "SIFT on Motorcycle": lambda: front_end.detector_figures("SIFT"),
     "BRISK on Motorcycle": lambda: front_end.detector_figures("BRISK"),
     "450 px wide": lambda: front_end.variant_figures(450),

@@ -33,6 +33,15 @@ def random_scene(n: int, scale: int = 1) -> Scene:
     return Scene(image, uv, Delaunay(uv).simplices.astype(np.int32))
 
 
+def in_scan_order(scene: Scene) -> Scene:
+    """The same mesh, its vertices numbered along the rows of the image, its faces by their first vertices."""
+    order = np.lexsort((scene.uv[:, 0], np.floor(scene.uv[:, 1])))
+    number = np.empty(len(order), np.int32)
+    number[order] = np.arange(len(order), dtype=np.int32)
+    faces = number[scene.faces]
+    return Scene(scene.image, scene.uv[order], faces[np.argsort(faces.min(axis=1), kind="stable")])
+
+
 def stage(scene: Scene) -> tspslam.Response:
     """The topology stage: complex, neighbourhoods, signals, T-MAHF; triangulation not counted."""
     complex_ = tspslam.build_complex(scene.faces, len(scene.uv))

@@ -9,10 +9,11 @@ from scipy.sparse import csr_array, hstack
 
 import tspslam
 
-from .measure import median_seconds, paired, seconds
-from .scenes import Scene, random_scene, stage
+from .measure import cpu_seconds, median_seconds, paired, seconds
+from .scenes import Scene, in_scan_order, random_scene, stage
 
 Figures = dict[str, float]
+SIZES = (20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000)
 
 
 def csr_product(complex_: tspslam.Complex):
@@ -38,17 +39,44 @@ def filter_figures(centering: str, n: int = 20_000) -> Figures:
     return {"us_per_vertex": ours / n * 1e6, "ratio": ratio}
 
 
-def growth_figures(small: int = 20_000, large: int = 1_000_000) -> Figures:
-    """Exponent of the stage's time in the number of vertices, random order, the same pixels a vertex."""
-    few, many = random_scene(small), random_scene(large, scale=7)
-    stage(many)
-    times = [(median_seconds(lambda: stage(few), 7), seconds(lambda: stage(many))) for _ in range(3)]
-    a, b = (float(np.median(column)) for column in zip(*times, strict=True))
-    return {
-        "us_per_vertex_20k": a / small * 1e6,
-        "us_per_vertex_1m": b / large * 1e6,
-        "exponent": math.log(b / a) / math.log(large / small),
-    }
+def growth_figures(sizes: tuple[int, ...] = SIZES, rounds: int = 5) -> Figures:
+    """CPU seconds of the stage on one thread, and the exponent fitted to them, the same pixels a vertex.
+
+    Sizes and orders of the vertices take turns; medians. CPU time counts the waits for memory, but not for a core.
+    """
+    tspslam.set_threads(1)
+    scenes = {n: random_scene(n, scale=round(math.sqrt(n / SIZES[0]))) for n in sizes}
+    figures: Figures = {}
+    for order, change in (("random", lambda scene: scene), ("scan", in_scan_order)):
+        ordered = {n: change(scene) for n, scene in scenes.items()}
+        for scene in ordered.values():
+            stage(scene)
+        rows = [[cpu_seconds(lambda s=ordered[n]: stage(s), max(1, SIZES[2] // n)) for n in sizes]
+                for _ in range(rounds)]  # fmt: skip
+        times = np.median(rows, axis=0)
+        figures |= {f"us_per_vertex_{order}_{n}": time / n * 1e6 for n, time in zip(sizes, times, strict=True)}
+        figures[f"exponent_{order}"] = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+    tspslam.set_threads(None)
+    return figures
+
+
+def complex_growth(small: int = 20_000, large: int = 1_000_000, rounds: int = 5) -> float:
+    """CPU time a vertex of complex and neighbourhoods of a large mesh in random order, beside that of a small one."""
+    scenes = random_scene(small), random_scene(large)
+    build = lambda scene: tspslam.build_complex(scene.faces, len(scene.uv)).neighbours()  # noqa: E731
+    times = [[cpu_seconds(lambda s=scene: build(s), large // len(scene.uv)) for scene in scenes] for _ in range(rounds)]
+    return float(np.median([many / few for few, many in times])) * small / large
+
+
+def thread_figures(n: int = 1_000_000, rounds: int = 7) -> Figures:
+    """Seconds of the stage of a large mesh on one thread and on two: the best, as others use the machine too."""
+    scene = random_scene(n, scale=round(math.sqrt(n / SIZES[0])))
+    best = {}
+    for count in (1, 2) * rounds:
+        tspslam.set_threads(count)
+        best[count] = min(best.get(count, math.inf), seconds(lambda: stage(scene)))
+    tspslam.set_threads(None)
+    return {"one_s": best[1], "two_s": best[2]}
 
 
 def resolution_figures(n: int = 20_000) -> Figures:

@@ -21,9 +21,9 @@ def compile_nothing():
 
 def lines(job):
     """How many lines of each kernel a job runs."""
-    from tspslam.topology import _bank, _harmonics, _kernels, _locality, _pixels
+    from tspslam.topology import _bank, _harmonics, _kernels, _locality, _pixels, _stars
 
-    kernels = {module.__file__ for module in (_bank, _harmonics, _kernels, _locality, _pixels)}
+    kernels = {module.__file__ for module in (_bank, _harmonics, _kernels, _locality, _pixels, _stars)}
     found = collections.Counter()
 
     def line(frame, event, _):

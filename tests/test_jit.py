@@ -120,7 +120,7 @@ def test_a_link_to_a_folder_is_not_trusted(tmp_path, monkeypatch):
 
 
 def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
-    code = COUNT.format(name="tspslam.topology._kernels").replace("one", "face_neighbours")
+    code = COUNT.format(name="tspslam.topology._stars").replace("one", "face_neighbours")
     code = code.replace("face_neighbours(1)", "import numpy; face_neighbours(3, numpy.array([[0, 1, 2]], numpy.int32))")
     counts = [outcome(each)[0].split() for each in [start(code, tmp_path) for _ in range(3)]]
     assert sorted(counts) == [["0", "1"], ["1", "0"], ["1", "0"]]

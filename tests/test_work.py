@@ -28,10 +28,13 @@ def work():
 
 
 @pytest.mark.parametrize(
-    ("step", "most"), [("construction", 400), ("signals", 600), ("none", 1100), ("harmonic", 800), ("bank", 2800)]
+    ("step", "most"), [("construction", 520), ("signals", 600), ("none", 1100), ("harmonic", 800), ("bank", 2800)]
 )
 def test_work_for_a_vertex_does_not_grow_with_the_mesh(work, step, most):
-    """Lines of kernels for a vertex. Measured: 328, 492, 899, 665 and 2290; quadratic work would be fourfold."""
+    """Lines of kernels for a vertex. Measured: 444, 513, 485, 665 and 2340; quadratic work would be fourfold.
+
+    Construction in one bucket took 328, and twice the time for a large mesh in random order: lines are not memory.
+    """
     small, large = (sum(work[mesh][step].values()) / n for mesh, n in (("small", 200), ("large", 800)))
     assert large < 1.1 * small
     assert max(small, large) < most

@@ -4,7 +4,7 @@ import pytest
 from tspslam import InputError
 from tspslam.apps import _mesh
 from tspslam.apps.mesh import denoise_mesh
-from tspslam.topology._kernels import face_neighbours
+from tspslam.topology._stars import face_neighbours
 
 
 def grid(rows, columns):

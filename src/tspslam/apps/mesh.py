@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._checks import real_array
 from ..errors import InputError
-from ..topology._kernels import face_neighbours
+from ..topology._stars import face_neighbours
 from ..types import BoolArray, FloatArray
 from . import _mesh
 

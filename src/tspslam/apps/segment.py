@@ -137,7 +137,7 @@ def disc_labels(complex_: Complex, labels: ArrayLike) -> Labels:
     >>> labels.tolist(), len(merge_cells(tetrahedron, labels).faces)
     ([0, 0, 0, 1], 2)
     """
-    from ..topology._kernels import vertex_neighbours
+    from ..topology._stars import vertex_neighbours
     from . import _segment
 
     _check_triangles(complex_)

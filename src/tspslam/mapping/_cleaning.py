@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._jit import inlined, kernel
-from ..topology._kernels import face_neighbours
+from ..topology._stars import face_neighbours
 
 
 @kernel

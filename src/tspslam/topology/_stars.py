@@ -1,6 +1,6 @@
 """Compiled kernels of the one-ring neighbourhoods: what meets a vertex is spread over buckets, then set in rows.
 
-Buckets are those of `_kernels`.
+Buckets are those of `_kernels`. Below, rows of one level alone, and of polygons.
 """
 
 from __future__ import annotations
@@ -127,3 +127,63 @@ def take_level(start, levels, rows, level, first, out_start, out):  # type: igno
             out[count] = rows[p] - first
             count += 1
         out_start[i + 1] = count
+
+
+@kernel
+def vertex_neighbours(n, edges):  # type: ignore[no-untyped-def]
+    """CSR rows of adjacent vertices, ascending."""
+    start = np.zeros(n + 1, np.int32)
+    for e in range(edges.shape[0]):
+        start[edges[e, 0] + 1] += 1
+        start[edges[e, 1] + 1] += 1
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    vertices = np.empty(2 * edges.shape[0], np.int32)
+    for e in range(edges.shape[0]):
+        i, j = edges[e, 0], edges[e, 1]
+        vertices[fill[i]] = j
+        fill[i] += 1
+        vertices[fill[j]] = i
+        fill[j] += 1
+    return start, vertices
+
+
+@kernel
+def face_neighbours(n, faces):  # type: ignore[no-untyped-def]
+    """CSR rows of the faces that contain each vertex, ascending."""
+    start = np.zeros(n + 1, np.int32)
+    for f in range(faces.shape[0]):
+        for side in range(3):
+            start[faces[f, side] + 1] += 1
+    for i in range(n):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    rows = np.empty(3 * faces.shape[0], np.int32)
+    for f in range(faces.shape[0]):
+        for side in range(3):
+            i = faces[f, side]
+            rows[fill[i]] = f
+            fill[i] += 1
+    return start, rows
+
+
+@kernel
+def join_rows(vertices, edges, faces, first):  # type: ignore[no-untyped-def]
+    """Concatenate three CSR patterns row by row, each level's indices counted from its own first."""
+    start = np.empty(vertices[0].shape[0], np.int32)
+    for i in range(start.shape[0]):
+        start[i] = vertices[0][i] + edges[0][i] + faces[0][i]
+    rows = np.empty(start[-1], np.int32)
+    stop = 0
+    for i in range(start.shape[0] - 1):
+        for p in range(vertices[0][i], vertices[0][i + 1]):
+            rows[stop] = first[0] + vertices[1][p]
+            stop += 1
+        for p in range(edges[0][i], edges[0][i + 1]):
+            rows[stop] = first[1] + edges[1][p]
+            stop += 1
+        for p in range(faces[0][i], faces[0][i + 1]):
+            rows[stop] = first[2] + faces[1][p]
+            stop += 1
+    return start, rows

@@ -73,9 +73,9 @@ class CellComplex(Complex):
     @cached_property
     def vertex_rows(self) -> Rows:
         """η_p as a CSR pattern."""
-        from . import _cells
+        from . import _stars
 
-        return Rows(*_cells.vertex_neighbours(self.n, self.edges))
+        return Rows(*_stars.vertex_neighbours(self.n, self.edges))
 
     @cached_property
     def face_rows(self) -> Rows:
@@ -94,11 +94,11 @@ class CellComplex(Complex):
     @cached_property
     def around(self) -> tuple[Index, Index, Index]:
         """The two arrays of the stars, and where the edges and the faces of each begin, (n, 2)."""
-        from . import _cells
+        from . import _stars
 
         first = (0, self.n, self.n + len(self.edges))
         rows = tuple(self.vertex_rows), tuple(self.edge_rows), tuple(self.face_rows)  # of one type with those of others
-        start, joined = _cells.join_rows(*rows, first)
+        start, joined = _stars.join_rows(*rows, first)
         begins = start[:-1] + np.diff(self.vertex_rows.indptr), start[1:] - np.diff(self.face_rows.indptr)
         return start, joined, np.stack(begins, axis=1)
 
