@@ -7,6 +7,7 @@ import contextlib
 import importlib
 import importlib.util
 import logging
+import multiprocessing
 import os
 import re
 import signal
@@ -20,7 +21,7 @@ from .._files import one_line
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 LEAST_MEMORY = 10**9  # bytes: a run of images of 128 x 96 takes 0.42e9
 INSTALL = "pip install 'tspslam[scale]'"
@@ -154,15 +155,24 @@ def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
         from distributed import Client, LocalCluster
 
         with _without_interrupts():
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=count, threads_per_worker=1, memory_limit=memory, host="127.0.0.1", protocol="tcp",
-                    worker_dashboard_address=None, silence_logs=logging.CRITICAL,
-                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                )
+            cluster = LocalCluster(
+                n_workers=count, threads_per_worker=1, memory_limit=memory, host="127.0.0.1", protocol="tcp",
+                worker_dashboard_address=None, silence_logs=logging.CRITICAL,
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
             )  # fmt: skip
+            stack.callback(_close, cluster)
             client = stack.enter_context(Client(cluster, timeout=_PATIENCE, set_as_default=False))
         yield client
+
+
+def _close(cluster: LocalCluster) -> None:
+    """End the workers; those that do not end are killed: what they have is on disk."""
+    try:
+        cluster.close(timeout=_PATIENCE)
+    except TimeoutError:  # some versions wait for ever for a worker that is just being begun anew
+        for process in multiprocessing.active_children():
+            if process.name.startswith("Dask Worker"):
+                process.kill()
 
 
 def _settings(threads: int) -> dict[str, Any]:
