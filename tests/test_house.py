@@ -48,7 +48,7 @@ BELOW = {  # what each room may import, besides itself: docs/architecture.rst sh
     }
     | {"topology"}
     | GROUND,
-    "scale": {"io", "topology", "vision"} | GROUND,
+    "scale": {"apps", "io", "topology", "vision"} | GROUND,
     "interop": {"datasets", "io", "frame", "vision", "topology"} | GROUND,
     "session": {"settings", "frame", "vision", "topology"} | GROUND,
     "settings": {"mapping", "vision", "topology"} | GROUND,
