@@ -33,7 +33,7 @@ GROUND = {
 BELOW = {  # what each room may import, besides itself: docs/architecture.rst shows it
     "__main__": {"cli"},
     "cli": {"scale", "run", "view", "settings", "datasets", "vision", "topology", "printing"} | GROUND,
-    "scale": {"run", "settings", "datasets", "io", "view", "vision", "topology"} | GROUND,
+    "scale": {"run", "settings", "apps", "datasets", "io", "view", "vision", "topology"} | GROUND,
     "run": {
         "session",
         "settings",

@@ -1,16 +1,6 @@
-"""What these tests need that an installation may lack."""
+"""What the tests of stores need that an installation may lack."""
 
 import importlib.util
 
-collect_ignore = []
-if importlib.util.find_spec("zarr") is None:
-    collect_ignore += [
-        "test_store.py",
-        "test_store_counts.py",
-        "test_store_heat.py",
-        "test_store_filter.py",
-        "test_store_dask.py",
-        "test_store_commands.py",
-    ]
-elif importlib.util.find_spec("distributed") is None:
-    collect_ignore += ["test_store_dask.py", "test_store_commands.py"]
+lacks = {name for name in ("zarr", "distributed") if importlib.util.find_spec(name) is None}
+collect_ignore_glob = ["test_store*.py"] if "zarr" in lacks else ["test_store_[dc]*.py"] if lacks else []

@@ -12,6 +12,7 @@ from tspslam.cli.entry import exit_code
 from tspslam.io import read_ply, read_vtu, write_ply
 from tspslam.run import config, pipeline
 from tspslam.scale import open_store, write_store
+from tspslam.scale.stores import filtering
 from tspslam.scale.stores.image_lists import read_images
 from tspslam.scale.stores.sources import of_arrays, of_file
 from tspslam.scale.stores.tile_files import write_tiles
@@ -114,6 +115,27 @@ def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, cod
     assert (got, out) == (code, "")
     assert said in err.replace("\n", " ")
     assert not (tmp_path / "x.zarr").exists()
+
+
+def test_who_interrupts_a_filter_is_told_that_it_goes_on(tmp_path, capsys, monkeypatch):
+    xyz, faces, uv = tangled(23, 100)
+    write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=16)
+    whole = filtering.filter_run
+
+    def interrupt(store, options, first, last, tile):
+        if first >= 48:
+            raise KeyboardInterrupt
+        return whole(store, options, first, last, tile)
+
+    monkeypatch.setattr(filtering, "filter_run", interrupt)
+    monkeypatch.setattr(filtering, "tile_for", lambda *_: 16)
+    code, out, err = typed(capsys, "filter", tmp_path / "a.zarr")
+    assert (code, out) == (130, "")
+    assert "interrupted; the same command goes on where this one stopped" in err
+    again = []
+    monkeypatch.setattr(filtering, "filter_run", lambda *given: again.append(given[2]) or whole(*given))
+    assert typed(capsys, "filter", tmp_path / "a.zarr")[0] == 0
+    assert again == [48, 64, 80, 96]
 
 
 def test_a_posed_photo_of_a_list_is_seen_where_it_was_taken(tmp_path):

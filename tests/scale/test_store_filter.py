@@ -133,6 +133,12 @@ def test_a_filter_goes_on_where_it_was_ended_and_does_no_tile_twice(tmp_path):
     fresh = write_store(tmp_path / "b.zarr", of_arrays(xyz, faces, uv=uv, luminance=uv[:, 0]), chunk=20)
     assert same_bits(response.read(), *vars_of(fresh.filter().read()))
     store.filter(tile=7, on_tile=lambda *_: pytest.fail("it is done"))
+    (folder / "z" / "c.3").unlink()
+    with pytest.raises(InputError, match=r"c\.3: is missing"):
+        store.response(options.name)
+    steps.clear()
+    assert same_bits(store.filter(on_tile=lambda *counts: steps.append(counts)).read(), *vars_of(response.read()))
+    assert steps == [(100, 100)]
     assert store.responses == (options.name,)
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ..printing import note, say
 from ._progress import progress
-from ._shared import DEGRADED
+from ._shared import DEGRADED, INTERRUPTED
+
+if TYPE_CHECKING:
+    from ..scale.stores.store import Store
+    from ..scale.stores.stored_response import StoredResponse
 
 
 def filter_a_store(
@@ -18,22 +22,17 @@ def filter_a_store(
     where: tuple[int, str | None, str], as_json: bool,
 ) -> None:  # fmt: skip
     """Filter a store, tile by tile, and write a file a tile if that is asked for."""
-    from ..run.sequence import Step
-    from ..scale.stores.cluster import connected
     from ..scale.stores.store import open_store
     from ..scale.stores.tile_files import KINDS, write_tiles
 
     if (out is None) != (to is None) or (to is not None and to not in KINDS):
         raise typer.BadParameter(f"goes with --out, expected {' or '.join(KINDS)}", param_hint="--to")
-    (order, centering), (workers, scheduler, memory) = mode, where
     opened = open_store(path, images=images)
-    with progress(as_json) as on_step, connected(scheduler) as client:
-        on_step(Step("filter", 0, opened.n))
-        chosen: Any = centering
-        response = opened.filter(
-            order=order, centering=chosen, memory=memory, workers=workers, client=client,
-            on_tile=lambda done, total: on_step(Step("filter", done, total)),
-        )  # fmt: skip
+    try:
+        response = _filtered(opened, mode, where, as_json)
+    except KeyboardInterrupt as stop:
+        note("interrupted; the same command goes on where this one stopped")
+        raise typer.Exit(INTERRUPTED) from stop
     found = response.summary
     if found["missing"]:
         first = opened.mesh.image_paths[found["missing"][0]]
@@ -49,6 +48,23 @@ def filter_a_store(
     tell({"vertices": opened.n, "faces": opened.n_faces} | found, words, written, as_json)
     if found["missing"] or not found["defined"]:
         raise typer.Exit(DEGRADED)
+
+
+def _filtered(
+    store: Store, mode: tuple[int, str | None], where: tuple[int, str | None, str], as_json: bool
+) -> StoredResponse:
+    """Filter, and tell how far it is."""
+    from ..run.sequence import Step
+    from ..scale.stores.cluster import connected
+
+    (order, centering), (workers, scheduler, memory) = mode, where
+    chosen: Any = centering
+    with progress(as_json) as on_step, connected(scheduler) as client:
+        on_step(Step("filter", 0, store.n))
+        return store.filter(
+            order=order, centering=chosen, memory=memory, workers=workers, client=client,
+            on_tile=lambda done, total: on_step(Step("filter", done, total)),
+        )  # fmt: skip
 
 
 def refuse_options(*, what: str = "a mesh or a scan", **given: object) -> None:

@@ -106,6 +106,12 @@ def chunk_files(array: Any, first: int, last: int) -> list[str]:
     return [f"c.{k}{tail}" for k in range(first // rows, -(-last // rows))]
 
 
+def are_whole(array: Any, first: int, last: int) -> bool:
+    """Whether the files of rows `first` to `last` are there, of the size that they must have."""
+    paths = [folder_of(array) / name for name in chunk_files(array, first, last)]
+    return all(path.is_file() and path.stat().st_size == _size(array) for path in paths)
+
+
 def check_whole(array: Any) -> None:
     """Refuse an array of which a chunk's file is missing or has another size: Zarr would take zeros for it."""
     folder = folder_of(array)

@@ -49,7 +49,7 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST_WORKERS:
         raise InputError(f"workers are {workers!r:.40}, expected 0 to {_MOST_WORKERS} processes")
     dask, distributed = _module("dask"), _module("distributed")
-    settings = {"distributed.scheduler.allowed-failures": 0}  # one death, and the tile is split
+    settings = {"distributed.scheduler.allowed-failures": 0, "distributed.worker.profile.enabled": False}
     with dask.config.set(settings), distributed.LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
         dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,

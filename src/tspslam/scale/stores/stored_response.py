@@ -254,7 +254,9 @@ def store_answer(store: StoredMesh, name: str, first: int, answer: Answer, told:
 
 
 def runs_done(store: StoredMesh, name: str) -> dict[tuple[int, int], dict[str, Any]]:
-    """Runs that are finished, and what is kept about each; not those whose images were missing and are there now.
+    """Runs that are finished and whose files are there, and what is kept about each.
+
+    Not those whose images were missing and are there now.
 
     Parameters
     ----------
@@ -268,12 +270,14 @@ def runs_done(store: StoredMesh, name: str) -> dict[tuple[int, int], dict[str, A
     dict
         By (first, last).
     """
-    found = {}
-    for path in sorted((folder_of(store, name) / _DONE).glob("*-*.json")):
+    found, folder = {}, folder_of(store, name)
+    arrays = [_zarr.opened(folder, each, "r") for each in ("z", "defined")]
+    for path in sorted((folder / _DONE).glob("*-*.json")):
         with suppress(ValueError, KeyError, TypeError, OSError):
             first, last = map(int, path.stem.split("-"))
             row = json.loads(path.read_bytes())
-            if not any(store.image_paths[k].exists() for k in row["missing"]):
+            is_whole = all(_zarr.are_whole(array, first, last) for array in arrays)
+            if is_whole and not any(store.image_paths[k].exists() for k in row["missing"]):
                 found[first, last] = row
     return found
 

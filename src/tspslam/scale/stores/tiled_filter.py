@@ -152,7 +152,7 @@ def filter_rows(store: StoredMesh, options: Options, first: int, last: int, tile
     """
     z, defined = np.zeros(last - first, np.complex128), np.zeros(last - first, bool)
     missing = []
-    for low, high, image in _parts(store, first, last, tile):
+    for low, high, image in image_parts(store, first, last, tile):
         pixels = _pixels(store, image) if image >= 0 else None
         if image >= 0 and pixels is None:
             missing.append(image)
@@ -171,8 +171,25 @@ def _columns(store: StoredMesh, image: int) -> tuple[str, ...]:
     return "luminance", "uv" if "uv" in store.arrays else "xyz"
 
 
-def _parts(store: StoredMesh, first: int, last: int, tile: int) -> Iterator[tuple[int, int, int]]:
-    """Runs of at most `tile` rows of one image each; -1 is none."""
+def image_parts(store: StoredMesh, first: int, last: int, tile: int) -> Iterator[tuple[int, int, int]]:
+    """Cut rows into runs of one image each.
+
+    Parameters
+    ----------
+    store : StoredMesh
+        The store.
+    first, last : int
+        Rows.
+    tile : int
+        Rows of a run, at most.
+
+    Yields
+    ------
+    first, last : int
+        Rows of a run.
+    image : int
+        Its image; -1 is none.
+    """
     ends = [*store.image_start.tolist()]
     for image, end in enumerate(ends, start=-1):
         begin = ends[image] if image >= 0 else 0
@@ -197,6 +214,34 @@ def _respond(
     centering = cast(Centering, options.centering)
     response = tmahf(complex_, uv, signals, order=options.order, centering=centering, weight=weight)
     return response.z[piece.own], response.defined[piece.own]
+
+
+def signals_of(store: StoredMesh, complex_: Complex, image: int, columns: Mapping[str, FloatArray]) -> Signals | None:
+    """Signals of a part of a store in one image.
+
+    Parameters
+    ----------
+    store : StoredMesh
+        The store.
+    complex_ : Complex
+        The part.
+    image : int
+        The image; -1 is none, where the vertices' own luminance is taken.
+    columns : dict of (N, k) or (N,) float64 arrays
+        ``xyz``, ``uv`` and ``luminance`` of the part's vertices, as far as the store has them.
+
+    Returns
+    -------
+    Signals or None
+        None where there is no luminance, or the image is not there.
+    """
+    if image >= 0:
+        pixels = _pixels(store, image)
+        uv = store.images[image].places(columns["xyz"], columns.get("uv"))
+        return None if pixels is None else sample_signals(pixels, uv, complex_)
+    if store.images or "luminance" not in columns:
+        return None
+    return spread_values(complex_, columns.get("uv", plane_of(columns["xyz"])), columns["luminance"])
 
 
 def plane_of(xyz: FloatArray) -> FloatArray:

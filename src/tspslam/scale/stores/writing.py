@@ -70,7 +70,7 @@ def write_store(path: PathLike, source: Source, *, chunk: int = CHUNK) -> Store:
         work = folder / "unsorted"
         work.mkdir()
         with _said_by(source.name):
-            _fill(zarr.open_group(str(folder), mode="w-", zarr_format=3), work, source, chunk, Path(path))
+            _fill(zarr.open_group(str(folder), mode="a", zarr_format=3), work, source, chunk, Path(path))
         shutil.rmtree(work)
     return open_store(path)
 
