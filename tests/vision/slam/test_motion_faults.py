@@ -43,7 +43,7 @@ def behind_a_car(width, height, ahead, speed):
     ("width", "height", "ahead", "speed"),
     [
         (2.0, 1.8, 4.0, 1.0), (2.5, 2.8, 3.5, 1.0), (2.5, 2.5, 5.0, 1.5), (2.5, 2.5, 6.0, 0.5),
-        (2.5, 3.0, 3.2, 1.0), (2.5, 3.0, 3.0, 1.0), (2.5, 3.0, 2.8, 1.3),
+        (2.5, 3.0, 3.2, 1.0), (2.5, 3.0, 3.0, 1.3), (2.5, 3.0, 2.8, 1.3),
     ],
 )  # fmt: skip
 def test_a_car_before_the_camera_does_not_carry_it_along(width, height, ahead, speed):

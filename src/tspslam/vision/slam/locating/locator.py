@@ -24,6 +24,7 @@ from .uncertainty import Sources, pose_covariance
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
 _BOX = (0.1, 0.9)  # quantiles along both axes: what is far away agrees with any motion, and is everywhere
+_AHEAD = (0.0, 0.05, 0.1, 0.2)  # of the landmarks' distance: patches reach as far from each
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
 _LEAST_MATCHES = 8  # that lead to a pose: P3P takes four; whether it is one, patches tell
 
@@ -169,11 +170,21 @@ class Locator:
     def _track_around(
         self, image: PreparedImage, guess: FloatArray, found: Sequence[PoseEstimate]
     ) -> PoseEstimate | None:
-        """A further motion near a guess: of the landmarks that lie around those of what was found."""
+        """A further motion, near a guess or ahead of it: of the landmarks that lie around those of what was found."""
+        map_ = self.map_
         taken = np.concatenate([np.empty(0, np.int64), *(one.landmark for one in found)])
-        rest = [_around(each, taken) for each in self.map_.references()]
-        near = track_pose(self.map_.rig, image.pyramid, rest, self.map_.xyz, guess, self.settings)
-        return None if near is None else self._track_closely(image, near.T_world_camera)
+        rest = [_around(each, taken) for each in map_.references()]
+        rows, best = np.concatenate([each.landmark for each in rest]), None
+        if not len(rows):
+            return None
+        far = float(np.median((map_.xyz[rows] - guess[:3, 3]) @ guess[:3, 2]))
+        for share in _AHEAD:
+            T = guess.copy()
+            T[:3, 3] += share * far * guess[:3, 2]
+            near = track_pose(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings)
+            if near is not None and (best is None or len(near) > len(best)):
+                best = near
+        return None if best is None else self._track_closely(image, best.T_world_camera)
 
     def _track_again(self, image: PreparedImage, found: PoseEstimate | None) -> PoseEstimate | None:
         """A pose from few landmarks once more, from where it is: a second motion's keypoints lead there roughly."""
