@@ -41,12 +41,16 @@ def behind_a_car(width, height, ahead, speed):
 
 @pytest.mark.parametrize(
     ("width", "height", "ahead", "speed"),
-    [(2.0, 1.8, 4.0, 1.0), (2.5, 2.8, 3.5, 1.0), (2.5, 2.5, 5.0, 1.5), (2.5, 2.5, 6.0, 0.5)],
-)
+    [
+        (2.0, 1.8, 4.0, 1.0), (2.5, 2.8, 3.5, 1.0), (2.5, 2.5, 5.0, 1.5), (2.5, 2.5, 6.0, 0.5),
+        (2.5, 3.0, 3.2, 1.0), (2.5, 3.0, 3.0, 1.3), (2.5, 3.0, 2.8, 1.3),
+    ],
+)  # fmt: skip
 def test_a_car_before_the_camera_does_not_carry_it_along(width, height, ahead, speed):
-    """It takes up to 0.44 of the first image; over a half of it, it is taken for the world."""
+    """It takes 0.12 to 0.66 of the first image, and is as fast as the camera, slower, or faster."""
     sequence = behind_a_car(width, height, ahead, speed)
-    assert (sequence.geometry(0).label == len(sequence.scene.shapes)).mean() > 0.1
+    share = (sequence.geometry(0).label == len(sequence.scene.shapes)).mean()
+    assert share > (0.5 if height == 3.0 else 0.1)
     _, tracked = drive(list(sequence))
     assert not any(one.is_lost for one in tracked)
     assert step_errors(tracked, sequence.truth).max() < 0.03
@@ -105,9 +109,9 @@ def test_a_kidnapped_camera_is_found_where_it_was_put(walk):
     assert np.isinf(tracked[-1].covariance).all()
 
 
-@pytest.mark.parametrize("moved", [0, 1])
+@pytest.mark.parametrize("moved", [0, 1, 3])
 def test_after_thirty_black_frames_a_camera_is_found_within_three(walk, moved):
-    """At the place where it was, or half a metre further on."""
+    """Half a metre, one or two metres further on than where it was last seen."""
     seen = 8
     black = np.zeros_like(walk[0].left)
     dark = [shown(replace(walk[seen], left=black, right=black), seen + k) for k in range(30)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,14 @@ from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..places.loop_closing import PlaceRecognition
 from ..pose import PoseEstimate, fit_robustly, solve_pnp
-from ..tracking import TrackingSettings, track_closely, track_pose
+from ..tracking import Reference, TrackingSettings, track_closely, track_pose
 from .choosing import are_close, choose_pose, choose_widest, is_clear
 from .uncertainty import Sources, pose_covariance
 
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
+_BOX = (0.1, 0.9)  # quantiles along both axes: what is far away agrees with any motion, and is everywhere
+_AHEAD = (0.0, 0.05, 0.1, 0.2)  # of the landmarks' distance: patches reach as far from each
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
 _LEAST_PLACE = 2  # times the landmarks that prove a place: where a recording begins, nothing else says where that is
 _CANDIDATES = 20  # keyframes that a recording may begin near, some 10 ms each: it is asked once
@@ -133,7 +135,9 @@ class Locator:
         self, image: PreparedImage, guesses: Sequence[FloatArray], described: tuple[FloatArray, Descriptors]
     ) -> Iterator[list[PoseEstimate]]:
         """Poses found in one way after another."""
-        yield list(self._recognise(image, *described))
+        found = list(self._recognise(image, *described))
+        around = self._track_around(image, guesses[0], found)
+        yield found if around is None else [*found, around]
         for guess in guesses:
             tracked = self._track(image, guess)
             yield [] if tracked is None else [tracked]
@@ -187,6 +191,25 @@ class Locator:
                 return
             rows, uv = rows[is_left], uv[is_left]
 
+    def _track_around(
+        self, image: PreparedImage, guess: FloatArray, found: Sequence[PoseEstimate]
+    ) -> PoseEstimate | None:
+        """A further motion, near a guess or ahead of it: of the landmarks that lie around those of what was found."""
+        map_ = self.map_
+        taken = np.concatenate([np.empty(0, np.int64), *(one.landmark for one in found)])
+        rest = [_around(each, taken) for each in map_.references()]
+        rows, best = np.concatenate([each.landmark for each in rest]), None
+        if not len(rows):
+            return None
+        far = float(np.median((map_.xyz[rows] - guess[:3, 3]) @ guess[:3, 2]))
+        for share in _AHEAD:
+            T = guess.copy()
+            T[:3, 3] += share * far * guess[:3, 2]
+            near = track_pose(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings)
+            if near is not None and (best is None or len(near) > len(best)):
+                best = near
+        return None if best is None else self._track_closely(image, best.T_world_camera)
+
     def _track_again(self, image: PreparedImage, found: PoseEstimate | None) -> PoseEstimate | None:
         """A pose from few landmarks once more, from where it is: a second motion's keypoints lead there roughly."""
         if found is None or found.share >= self.settings.clear_share:
@@ -211,6 +234,15 @@ def _agree(rig: Rig, T: FloatArray, xyz: FloatArray, uv: FloatArray, most: float
     with np.errstate(divide="ignore", invalid="ignore"):
         off: FloatArray = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
     return off <= most
+
+
+def _around(reference: Reference, taken: NDArray[np.int64]) -> Reference:
+    """A keyframe with those landmarks only that lie outside the box that holds most of some that are taken."""
+    is_left = ~np.isin(reference.landmark, taken)
+    if not is_left.all():
+        low, high = np.quantile(reference.uv[~is_left], _BOX, axis=0)
+        is_left &= ~((reference.uv > low) & (reference.uv < high)).all(axis=1)
+    return replace(reference, uv=reference.uv[is_left], landmark=reference.landmark[is_left])
 
 
 def covariance_against_keyframe(
