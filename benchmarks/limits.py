@@ -72,7 +72,7 @@ LIMITS = (
           lambda: topology.filter_figures("harmonic")["ratio"]),
     Limit("stage of 2 000 vertices, beside a sparse product", 30, lambda: topology.stage_figures(2_000)["ratio"]),
     Limit("stage of 20 000 vertices, beside a sparse product", 30, lambda: topology.stage_figures(20_000)["ratio"]),
-    Limit("complex of 1 000 000 vertices in random order, CPU a vertex beside 20 000 (1.2; before buckets 2.2)", 1.8,
+    Limit("complex of 1 000 000 vertices in random order, CPU a vertex beside 20 000 (1.2; before buckets 2.5)", 1.8,
           topology.complex_growth),
     Limit("16 times the pixels, beside the plain image", 6, lambda: topology.resolution_figures()["ratio"]),
     Limit("construction, beside one object a simplex", 1 / 80,

@@ -68,7 +68,7 @@ def sort_by_cell(cells, count, first, order):  # type: ignore[no-untyped-def]
         start[c] += 1
 
 
-def order_by_cell(cells: NDArray[np.int32], count: int, first: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def order_by_cell(cells: NDArray[Any], count: int, first: NDArray[Any]) -> NDArray[np.uint32]:
     """Elements by the cell of their first vertex, of `count` cells."""
     order = np.empty(len(first), np.uint32)
     sort_by_cell(cells, count, first, order)
