@@ -13,6 +13,7 @@ from tspslam.vision.features.binary import binary_descriptors
 from tspslam.vision.images import build_pyramid, grey_levels
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.keyframes.settings import MapSettings
+from tspslam.vision.slam.locating.path_covariance import Links
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 from tspslam.vision.slam.places.loop_closing import PlaceRecognition
 from tspslam.vision.slam.places.settings import LoopSettings
@@ -149,6 +150,12 @@ def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
     left = float(np.linalg.norm((odometry.trajectory.T_world_camera - truth)[-1, :3, 3]))
     assert (odometry.loops > 0) is is_closed
     assert (left < 0.007) is is_closed
+    last, loops = len(odometry.path) - 1, odometry.mapper.loops
+    known = np.trace(odometry.covariance_from_start(last))
+    odometry.mapper.loops = Links.of_none()
+    without = np.trace(odometry.covariance_from_start(last))
+    assert bool(len(loops.frame)) is is_closed
+    assert known < 0.1 * without if is_closed else known == without
 
 
 def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):
