@@ -54,12 +54,12 @@ def begun(*words, narrow=False):
 
     words = [sys.executable, "-m", "tspslam", *map(str, words)]
     process = subprocess.Popen(words, stdout=-1, stderr=-1, text=True, start_new_session=True, preexec_fn=limit)
-    try:
-        yield process
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    with process:  # which closes its pipes
+        try:
+            yield process
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
 
 
 def wait_for_frames(process):
