@@ -1,6 +1,7 @@
 import collections
 import json
 import logging
+import hashlib
 import os
 import subprocess
 import sys
@@ -49,12 +50,12 @@ def outcome(process):
     return out, err
 
 
-def found(tmp_path, name="here", step=1, more=1, doc="One."):
+def found(tmp_path, name="here", step=1, more=1, doc="One.", module="mine"):
     """Hits and misses of a process that calls a kernel of a module of that content."""
     folder = tmp_path / name
     folder.mkdir(exist_ok=True)
-    (folder / "mine.py").write_text(MODULE.format(step=step, more=more, doc=doc))
-    code = "import sys; sys.path.insert(0, '.'); sys.dont_write_bytecode = True; " + COUNT.format(name="mine")
+    (folder / f"{module}.py").write_text(MODULE.format(step=step, more=more, doc=doc))
+    code = "import sys; sys.path.insert(0, '.'); sys.dont_write_bytecode = True; " + COUNT.format(name=module)
     return outcome(start(code, tmp_path / "cache", folder))[0].split()
 
 
@@ -91,6 +92,16 @@ def test_a_kernel_is_found_by_what_it_is_made_of_wherever_it_lies(tmp_path):
     assert found(tmp_path, "elsewhere", doc="Said otherwise.") == ["1", "0"]
     assert found(tmp_path, step=2) == ["0", "1"]
     assert found(tmp_path, more=2) == ["0", "1"]
+
+
+def test_a_kernel_of_a_version_with_other_files_is_compiled_again(tmp_path):
+    found(tmp_path)
+    assert found(tmp_path, "later", module="moved") == ["0", "1"]
+    for path in (tmp_path / "cache").rglob("*.bin"):
+        content = b"cgone_since\none\n."  # a pickle of what is in a module that is not there
+        path.write_bytes(hashlib.sha256(content).digest() + content)
+    assert found(tmp_path) == ["0", "1"]
+    assert found(tmp_path) == ["1", "0"]
 
 
 def test_a_torn_file_is_compiled_again(tmp_path):

@@ -188,7 +188,7 @@ def _parts(function: types.FunctionType, seen: set[int]) -> list[str]:
     if id(function) in seen:
         return [function.__name__]
     seen.add(id(function))
-    parts = _code_parts(function.__code__, function.__doc__)
+    parts = [function.__module__, *_code_parts(function.__code__, function.__doc__)]
     for name in sorted(_names(function.__code__) & function.__globals__.keys()):
         parts += [name, *_value_parts(function.__globals__[name], seen)]
     return [*parts, *(part for cell in function.__closure__ or () for part in _value_parts(cell.cell_contents, seen))]
@@ -245,15 +245,19 @@ def _hash(*parts: Any) -> str:
 
 
 def _read(path: Path) -> Any:
-    """What a file holds; None if it is not there, or torn."""
+    """What a file holds; None if it is not there, torn, or names what this version of the package has not."""
     try:
         data = path.read_bytes()
         if time.time() - path.stat().st_mtime > _DAY:
             os.utime(path)
     except OSError:
         return None
-    whole = hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]
-    return pickle.loads(data[_DIGEST:]) if whole else None
+    if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
+        return None
+    try:
+        return pickle.loads(data[_DIGEST:])
+    except (ImportError, AttributeError):  # made by another version of the package, which has other files
+        return None
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -250,8 +250,7 @@ class SequenceRun:
     def _ready(self, index: int) -> _Arrived:
         """One pair made ready for the session, or why it cannot be read; and the hash of it."""
         pair = self._one(index)
-        key = input_hash(pair, self.session)
-        return (pair if isinstance(pair, InputError) else self.session.prepare(pair)), key
+        return (pair if isinstance(pair, InputError) else self.session.prepare(pair)), input_hash(pair, self.session)
 
     def _one(self, index: int) -> StereoPair | InputError:
         """One pair, numbered by its place, after which its files are named; or why it cannot be read."""
@@ -267,8 +266,7 @@ class SequenceRun:
         try:
             if isinstance(pair, InputError):
                 raise pair
-            self._begin_recording(index)
-            frame = self.session.process(pair)
+            frame = self._begun(index).process(pair)
         except InputError as error:
             self._errors[index] = error
             self.rows.append(SkippedPair(index, key, str(error)))
@@ -284,12 +282,13 @@ class SequenceRun:
             self._writing.append((place, self._writer.submit(self._store, frame, row)))
         return frame
 
-    def _begin_recording(self, index: int) -> None:
-        """Tell the session that a further recording begins, if a pair is the first one of it that is processed."""
+    def _begun(self, index: int) -> Session:
+        """The session, which is told if a pair is the first one of a further recording that is processed."""
         starts = getattr(self.source, "starts", (0,))
         last = next((row.index for row in reversed(self.rows) if isinstance(row, FrameRecord)), index)
         if bisect_right(starts, last) != bisect_right(starts, index):
             self.session.begin()
+        return self.session
 
     def _store(self, frame: Frame, row: FrameRecord) -> FrameRecord:
         """Write a frame and its numbers; one without a complex has a pose, but no file."""

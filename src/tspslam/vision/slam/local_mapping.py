@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -303,15 +304,36 @@ class LocalMapper:
         """The pose T, moved with the last keyframe, which was at `before`."""
         return normalised(self.map.keyframes[-1].T_world_camera @ inverse(before) @ T)
 
-    def restore_bias(self, state: tuple[float, float]) -> None:
-        """Take over the offset of a stored state.
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Collect what was found about loops and disparities as arrays; `restore` takes them.
+
+        Returns
+        -------
+        dict of str to array
+            As `_state.SCHEMA` has them, such as ``closures`` (C, 2) int64.
+        """
+        return {
+            "closures": np.array(self.closures, np.int64).reshape(-1, 2),
+            "loops": np.column_stack([self.loops.frame, self.loops.against]),
+            "looped": self.loops.covariance,
+            "joins": np.array(self.joins, np.int64).reshape(-1, 3),
+            "bias": np.array(self.bias.state),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put what a state has in the place of this.
 
         Parameters
         ----------
-        state : (float, float)
-            As `DisparityBias.state` gave it.
+        state : dict of str to array
+            As `state` gave it, such as ``closures`` (C, 2) int64.
         """
-        self.bias.state = state
+        self.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
+        self.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
+        frame, against = state["loops"].T.copy()
+        self.loops = Links(frame, against, state["looped"])
+        value, std = state["bias"].tolist()
+        self.bias.state = value, std
         self.map.rig = self.bias.correct(self._rig)
 
     def close(self) -> None:

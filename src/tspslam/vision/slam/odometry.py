@@ -25,7 +25,6 @@ from .keyframes.map import Map
 from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
-from .locating.path_covariance import Links
 from .path import CameraPath
 from .places.loop_closing import PlaceRecognition
 from .places.settings import LoopSettings
@@ -260,7 +259,7 @@ class StereoOdometry:
         estimate = None
         if self.map.keyframes:
             since = len(path) - self.map.keyframes[-1].index
-            if since >= _JOINED:
+            if since >= _JOINED and self.mapper.is_adjusting:
                 self._follow(self.mapper.join if since >= _CLOSED else self.mapper.join_adjustment)
             watch.lap("wait")
             predicted = path.predict(images.stamp)
@@ -400,22 +399,15 @@ class StereoOdometry:
         """
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting + mapper.is_correcting, path.unplaced
-        state = map_state(self.map) | {
-            "stamps": path.stamps,
-            "anchors": path.anchors,
-            "anchored": path.anchored,
-            "links": path.links,
-            "linked": path.linked,
-            "poses": np.stack([path.pose, path.motion]),
-            "counts": np.array(counts, np.int64),
-            "closures": np.array(mapper.closures, np.int64).reshape(-1, 2),
-            "loops": np.column_stack([mapper.loops.frame, mapper.loops.against]),
-            "looped": mapper.loops.covariance,
-            "joins": np.array(mapper.joins, np.int64).reshape(-1, 3),
-            "begun": np.array(path.begun, np.int64),
-            "row_offset": np.array(self._row_offset),
-            "bias": np.array(mapper.bias.state),
-        }
+        state = (
+            map_state(self.map)
+            | path.state()
+            | mapper.state()
+            | {
+                "counts": np.array(counts, np.int64),
+                "row_offset": np.array(self._row_offset),
+            }
+        )
         # the map goes on: what was not made for this is copied
         return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
@@ -439,16 +431,10 @@ class StereoOdometry:
         restore_map(self.map, state, image_of)
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
-        path.restore(*(state[name] for name in ("stamps", "anchors", "anchored", "links", "linked")))
-        path.pose, path.motion = state["poses"]
+        path.restore(state)
+        mapper.restore(state)
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
-        mapper.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
-        frame, earlier = state["loops"].T.copy()
-        mapper.loops = Links(frame, earlier, state["looped"])
-        mapper.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
-        path.begun = state["begun"].tolist()
         self._row_offset = float(state["row_offset"])
-        mapper.restore_bias(tuple(state["bias"].tolist()))
         if was_under_way:  # what was under way began from this very map
             (mapper.start_correction if was_under_way == _CORRECTING else mapper.start_adjustment)()
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from .keyframes.map import Map
 from .locating.path_covariance import Links, covariance_from_start
 from .pose import PoseEstimate
 
+_COLUMNS = "stamps", "anchors", "anchored", "links", "linked"  # a row a frame
 _LONGEST = 10.0  # intervals over which a motion is taken to go on
 _LAST = 5  # intervals that tell what the next one is
 _GAP = 1.5  # times their median, from which an interval is a gap: one frame left out makes 2
@@ -81,29 +83,31 @@ class CameraPath:
         last = self.linked[-1]
         return np.where(np.isnan(last), np.inf, last)
 
-    def restore(
-        self, stamps: FloatArray, anchors: NDArray[np.int64], anchored: FloatArray, links: NDArray[np.int64],
-        linked: FloatArray,
-    ) -> None:  # fmt: skip
-        """Put other frames in the place of these.
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Collect the frames so far as arrays; `restore` takes them.
+
+        Returns
+        -------
+        dict of str to array
+            As `_state.SCHEMA` has them, such as ``stamps`` (T,) float64.
+        """
+        columns = {name: getattr(self, name) for name in _COLUMNS}
+        return columns | {"poses": np.stack([self.pose, self.motion]), "begun": np.array(self.begun, np.int64)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Put the frames of a state in the place of these.
 
         Parameters
         ----------
-        stamps : (T,) float64
-            As `stamps`.
-        anchors : (T,) int64
-            As `anchors`.
-        anchored : (T, 4, 4) float64
-            As `anchored`.
-        links : (T,) int64
-            As `links`.
-        linked : (T, 6, 6) float64
-            As `linked`.
+        state : dict of str to array
+            As `state` gave it, such as ``stamps`` (T,) float64.
         """
-        self._stamps, self._anchors, self._anchored = Column(stamps), Column(anchors), Column(anchored)
-        self._links, self._linked = Column(links), Column(linked)
+        for name in _COLUMNS:
+            setattr(self, f"_{name}", Column(state[name]))
+        self.pose, self.motion = state["poses"]
+        self.begun = state["begun"].tolist()
         self._held = {}
-        for frame, keyframe in enumerate(anchors.tolist()):
+        for frame, keyframe in enumerate(state["anchors"].tolist()):
             self._held.setdefault(keyframe, []).append(frame)
 
     def __len__(self) -> int:
