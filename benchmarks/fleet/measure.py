@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from tspslam.vision.calibration.formats.own import save_cameras
 from .costs import Sample
 
 FRAMES, SIZES = (12, 40, 120), ((320, 120), (640, 240), (1226, 370))
+VERTICES = (100_000, 300_000, 1_000_000)
 FOCAL = 0.58  # of the width: KITTI's
 EMPTY_TASKS = 2000
 KIB = 1024
@@ -35,6 +37,19 @@ def measured_recordings(folder: Path) -> Iterator[Sample]:
             seconds, peak = spent([sys.executable, "-m", "tspslam", *words])
             size = (float(frames), frames * width * height / 1e6)
             yield Sample(size, seconds, peak, bytes_in(source), bytes_in(out))
+
+
+def measured_tiles(folder: Path) -> Iterator[Sample]:
+    """Terrains in one process, their time beyond its start: `benchmarks.tiles`."""
+    for vertices in VERTICES:
+        words = [sys.executable, "-m", "benchmarks.tiles", str(vertices), "--folder", str(folder / str(vertices))]
+        found = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+        count = found["vertices"]
+        written = sum(bytes_in(path) for path in folder.glob(f"{vertices}/*/responses"))
+        reads = bytes_in(folder / str(vertices)) - written
+        yield Sample(
+            (count / 1e3,), 1e-6 * count * found["tiled_us_per_vertex"], 1e9 * found["peak_gb"], reads, written
+        )
 
 
 def _write_street(folder: Path, width: int, height: int, frames: int) -> Path:
@@ -100,9 +115,11 @@ def _import() -> int:
 def taken() -> dict[str, object]:
     """All that the page needs of this machine."""
     with tempfile.TemporaryDirectory() as folder:
-        recordings = list(measured_recordings(Path(folder)))
+        recordings = list(measured_recordings(Path(folder, "recordings")))
+        tiles = list(measured_tiles(Path(folder, "tiles")))
     return {
         "recordings": recordings,
+        "tiles": tiles,
         "scheduler_seconds": scheduler_seconds(),
         "start_seconds": float(np.median([start_seconds() for _ in range(3)])),
     }

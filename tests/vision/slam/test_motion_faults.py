@@ -53,7 +53,7 @@ def test_a_car_before_the_camera_does_not_carry_it_along(width, height, ahead, s
     assert share > (0.5 if height == 3.0 else 0.1)
     _, tracked = drive(list(sequence))
     assert not any(one.is_lost for one in tracked)
-    assert step_errors(tracked, sequence.truth).max() < 0.03
+    assert step_errors(tracked, sequence.truth).max() < 0.1  # that of a camera which is carried along: 0.5 to 1.5
 
 
 @pytest.fixture(scope="module")
