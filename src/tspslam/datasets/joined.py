@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .._brief import Brief
 from ..errors import InputError
 from ..types import FloatArray, Rig, StereoPair
 from ._pairing import checked_index
@@ -38,8 +39,8 @@ class Recording(Protocol):
         """Read one pair."""
 
 
-@dataclass(frozen=True)
-class StoredRecording:
+@dataclass(frozen=True, repr=False)
+class StoredRecording(Brief):
     """A recording whose pairs are not at hand: a run has what it made of them.
 
     Attributes

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._brief import Brief
 from ..datasets.joined import JoinedSequence
 from ..io import read_frame
 from ..io.landmarks import write_landmarks
@@ -28,8 +29,8 @@ from .sequence import SequenceRun
 _LANDMARKS = "landmark_id", "xyz"
 
 
-@dataclass(frozen=True)
-class Standing:
+@dataclass(frozen=True, repr=False)
+class Standing(Brief):
     """Where the tracked frames of a run stand.
 
     Attributes
