@@ -23,13 +23,13 @@ def test_the_page_has_a_row_and_a_picture_a_run_and_obeys_nothing(tmp_path):
     page = (tmp_path / "batch.html").read_text(encoding="utf-8")
     assert page.count("<tr><td>") == 2
     assert page.count('<img src="data:image/jpeg;base64,') == 1
-    assert 'width="200" height="86"' in page
+    assert 'width="150" height="64"' in page
     assert '<a href="drive/report.html">drive</a>' in page
     assert "0.0123" in page
     assert "resumed, 2 attempts" in page
     assert "holds no &lt;images&gt;" in page
     assert "&lt;b&gt;frame&lt;/b&gt;" in page
-    assert "/data/&lt;script&gt;" in page
+    assert "/<wbr>data/<wbr>&lt;script&gt;" in page
     assert "http" not in page.replace("http-equiv", "").replace("https://doi", "")
 
 

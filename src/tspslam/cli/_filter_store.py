@@ -41,13 +41,17 @@ def filter_a_store(
     written = [str(path / "responses" / response.name)]
     if out is not None and to is not None:
         write_tiles(response, out, to)
-        written.append(str(out))
-    words = [f"response at {found['defined']} of {opened.n} vertices, {found['tiles']} tiles"]
+        written.append(str(out / "tiles.pvd" if to == "vtu" else out))
+    words = [f"response at {found['defined']} of {opened.n} vertices, {_count(found['tiles'])}"]
     if found["split"]:
-        words.append(f"{found['split']} tiles killed their worker and were split")
+        words.append(f"{_count(found['split'])} killed their worker and were split")
     tell({"vertices": opened.n, "faces": opened.n_faces} | found, words, written, as_json)
     if found["missing"] or not found["defined"]:
         raise typer.Exit(DEGRADED)
+
+
+def _count(tiles: int) -> str:
+    return f"{tiles} tile{'' if tiles == 1 else 's'}"
 
 
 def _filtered(
