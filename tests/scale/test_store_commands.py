@@ -62,6 +62,15 @@ def test_a_store_is_made_filtered_and_handed_on_from_the_command_line(tmp_path, 
     assert all(value == response.z[k] for k, value in found.items())
 
 
+def test_a_store_that_cannot_be_filtered_says_what_is_missing(tmp_path, capsys):
+    xyz, faces, _ = tangled(23, 40)
+    write_ply(tmp_path / "a.ply", xyz, faces)
+    code, out, _ = typed(capsys, "store", tmp_path / "a.ply", "--out", tmp_path / "a.zarr")
+    assert code == 0
+    assert out.splitlines()[-1] == "to filter it, make it with images (--images) or luminance"
+    assert typed(capsys, "filter", tmp_path / "a.zarr")[0] == 3
+
+
 def test_tiles_as_ply_have_every_face_once(tmp_path):
     xyz, faces, uv = tangled(22, 100)
     store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=16)
