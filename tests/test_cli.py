@@ -262,10 +262,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests
 from tspslam.run import sequence
 from tspslam.__main__ import main
 process = sequence.SequenceRun._process
-def interrupted(self, index, pair):
+def interrupted(self, index, *pair):
     if index == 2:
         signal.raise_signal(signal.SIGINT)
-    return process(self, index, pair)
+    return process(self, index, *pair)
 sequence.SequenceRun._process = interrupted
 main()
 """

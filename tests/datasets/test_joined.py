@@ -89,6 +89,7 @@ def test_what_does_not_go_together_is_refused(recordings, said):
 def test_what_is_told_of_each_is_told_of_all():
     one, other = Recording("a", [0]), Recording("b", [0])
     one.unpaired, other.remarks, other.warnings = ["left.png"], ["by name"], [{"code": "x", "message": "y"}]
+    one.remarks = ["by name"]  # the same of both
     other.doubts, other.ended_early = lambda: [{"code": "z", "message": "w"}], True
     both = JoinedSequence([one, other])
     assert (both.unpaired, both.remarks, both.ended_early) == (["left.png"], ["by name"], True)

@@ -22,6 +22,7 @@ from tspslam.run.evaluate import evaluated
 from tspslam.run.evaluate_recordings import evaluated_recordings
 from tspslam.run.export import export
 from tspslam.run.pipeline import OnePair, run
+from tspslam.run.report import write_page
 
 from .. import sequences
 from ..sequences import SETTINGS, SMALL_RIG, Kept, write_sequence
@@ -127,6 +128,20 @@ def test_another_world_is_said_to_be_apart_and_is_in_neither_path_nor_map(folder
     assert build_map(three).keyframes.max() < 26
     errors = evaluated_recordings(three, [folders / f"{name}.txt" for name in ("there", "back", "other")])
     assert (errors.joint.matched, errors.each["other"].matched) == (26, 6)
+
+
+def test_the_report_takes_a_true_path_of_each_recording(folders, three, tmp_path):
+    truths = [folders / f"{name}.txt" for name in ("there", "back", "other")]
+    page = write_page(three, tmp_path / "a.html", truth=truths)
+    assert page.missing == ()
+    said = page.path.read_text(encoding="utf-8")
+    errors = evaluated_recordings(three, truths)
+    assert all(f"<td>{one.ate_rmse_m:.3g}</td>" in said for one in errors.each.values())
+    assert "Path against the truth" in said
+    (missing,) = write_page(three, tmp_path / "b.html", truth=truths[:2]).missing
+    assert "is of 3 recordings (there, back, other), 2 true paths are given" in missing
+    (missing,) = write_page(three, tmp_path / "c.html", truth=truths[0]).missing
+    assert "expected one --truth for each of them" in missing
 
 
 @pytest.mark.parametrize("form", ["colmap", "pvd", "vtu"])

@@ -46,7 +46,10 @@ def test_a_store_is_made_filtered_and_handed_on_from_the_command_line(tmp_path, 
     assert (code, told["vertices"], told["missing"]) == (0, 200, [])
     response = open_store(store).response("tmahf-1-harmonic").read()
     assert told["defined"] == response.defined.sum() > 100
-    code, out, _ = typed(capsys, "filter", store)
+    code, out, err = typed(capsys, "filter", store, "--workers", 1, "--to", "vtu", "--out", tmp_path / "again")
+    assert str(tmp_path / "again" / "tiles.pvd") in out
+    assert "Scheduler" not in err  # what Dask logs, in capitals
+    assert "127.0.0.1" not in err
     assert (code, f"response at {told['defined']} of 200 vertices" in out) == (0, True)
     found, triangles = {}, []
     for name in re.findall('file="([^"]+)"', (tmp_path / "tiles" / "tiles.pvd").read_text()):
@@ -57,6 +60,15 @@ def test_a_store_is_made_filtered_and_handed_on_from_the_command_line(tmp_path, 
         assert np.array_equal(mesh.xyz, xyz[number])
     assert sorted(triangles) == sorted(np.sort(faces, axis=1).tolist())
     assert all(value == response.z[k] for k, value in found.items())
+
+
+def test_a_store_that_cannot_be_filtered_says_what_is_missing(tmp_path, capsys):
+    xyz, faces, _ = tangled(23, 40)
+    write_ply(tmp_path / "a.ply", xyz, faces)
+    code, out, _ = typed(capsys, "store", tmp_path / "a.ply", "--out", tmp_path / "a.zarr")
+    assert code == 0
+    assert out.splitlines()[-1] == "to filter it, make it with images (--images) or luminance"
+    assert typed(capsys, "filter", tmp_path / "a.zarr")[0] == 3
 
 
 def test_tiles_as_ply_have_every_face_once(tmp_path):

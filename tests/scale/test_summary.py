@@ -5,7 +5,9 @@ import json
 import pytest
 from PIL import Image
 
+from tspslam.cli.scale import _tabulate
 from tspslam.errors import InputError, OutputError
+from tspslam.scale.batch import BatchResult
 from tspslam.scale.summary import Row, describe_batch, found_of, read_names, write_summary
 from tspslam.scale.truths import find_truths, measure
 
@@ -23,13 +25,13 @@ def test_the_page_has_a_row_and_a_picture_a_run_and_obeys_nothing(tmp_path):
     page = (tmp_path / "batch.html").read_text(encoding="utf-8")
     assert page.count("<tr><td>") == 2
     assert page.count('<img src="data:image/jpeg;base64,') == 1
-    assert 'width="200" height="86"' in page
+    assert 'width="150" height="64"' in page
     assert '<a href="drive/report.html">drive</a>' in page
     assert "0.0123" in page
     assert "resumed, 2 attempts" in page
     assert "holds no &lt;images&gt;" in page
     assert "&lt;b&gt;frame&lt;/b&gt;" in page
-    assert "/data/&lt;script&gt;" in page
+    assert "/<wbr>data/<wbr>&lt;script&gt;" in page
     assert "http" not in page.replace("http-equiv", "").replace("https://doi", "")
 
 
@@ -89,3 +91,13 @@ def test_truths_of_none_of_the_recordings_are_refused(tmp_path, place):
 def test_a_truth_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(InputError):
         measure(tmp_path, tmp_path / "gone.txt")
+
+
+def test_the_table_of_errors_names_runs_that_have_none(tmp_path):
+    rows = [ROWS[0], Row("hall", "/data/hall", "complete"), ROWS[1]]
+    lines = _tabulate(BatchResult(tmp_path, rows, describe_batch(rows, {})))
+    assert lines[3].split()[:2] == ["drive", "0.0123"]
+    assert lines[4] == "without true poses that fit: hall"  # not the refused one
+    assert not [
+        line for line in _tabulate(BatchResult(tmp_path, rows[1:], describe_batch(rows[1:], {}))) if "true" in line
+    ]

@@ -19,6 +19,7 @@ from tspslam.view._report_advice import ADVICE, MOST_OF_A_KIND, REASONS, warning
 from tspslam.view._report_chart import MOST_POINTS, coarse
 from tspslam.view._report_health import MARKS, health_section
 from tspslam.view._report_parts import STATES, Finding, FrameState, WholeRun
+from tspslam.view._report_recordings import recordings_section
 from tspslam.view._report_strip import LOOK, MOST_CELLS, strip_section, summary_of
 from tspslam.view._report_tables import MOST_ROWS, numbers_section, settings_section
 from tspslam.view._report_timings import timings_section, timings_svg
@@ -126,6 +127,30 @@ def test_many_frames_share_cells_that_show_the_worst_and_it_is_said():
 
 def test_a_run_of_one_frame_has_no_strip():
     assert strip_section(frames("keyframe")) == strip_section([]) == ""
+
+
+def test_a_line_stands_where_a_further_recording_begins():
+    page = strip_section(frames(*["tracked"] * 6), [(4, EVIL)])
+    assert page.count('class="begin"') == 1
+    assert 'd="M39.5 0V100"' in page
+    assert EVIL not in page
+    many = strip_section(frames(*["tracked"] * (2 * MOST_CELLS)), [(MOST_CELLS, "b")])  # two frames a cell
+    assert f'd="M{5 * MOST_CELLS - 0.5:g} 0V100"' in many
+
+
+def test_recordings_are_told_apart_and_those_that_no_run_writes_are_left_out():
+    first = {"name": "a", "first": 0, "frames": 3, "tracked": 3, "keyframes": 2, "evaluation": {"ate_rmse_m": 0.01234}}
+    by = {"recording": "a", "frame": 3, "landmarks": 99}
+    second = first | {"name": EVIL, "first": 3, "joined_by": by, "loops_to_others": 1}
+    page = recordings_section([first, second, first | {"name": "c", "first": 6, "joined_by": None}])
+    assert page.count("<tr><td>") == 3
+    assert EVIL not in page
+    assert "3 to 5" in page
+    assert "to a at frame 3, by 99 landmarks, and 1 loop<" in page
+    assert "was not found" in page
+    assert "0.0123" in page
+    for wrong in (None, [], "a", [1], [{"name": "a"}], [first | {"first": "0"}]):
+        assert recordings_section(wrong) == ""
 
 
 def test_warnings_of_one_code_stand_together_with_what_to_do_once():

@@ -39,15 +39,20 @@ def filter_a_store(
         said = f"{len(found['missing'])} of {len(opened.images)} images are not there, such as {first}"
         note(f"warning: {said}: vertices that are seen in them have no response")
     written = [str(path / "responses" / response.name)]
+    words = [f"response at {found['defined']} of {opened.n} vertices, filtered in {_count(found['tiles'], 'tile')}"]
     if out is not None and to is not None:
-        write_tiles(response, out, to)
-        written.append(str(out))
-    words = [f"response at {found['defined']} of {opened.n} vertices, {found['tiles']} tiles"]
+        files = write_tiles(response, out, to)
+        written.append(str(out / "tiles.pvd" if to == "vtu" else out))
+        words.append(f"{_count(files, 'file')} of {to}, one a chunk")
     if found["split"]:
-        words.append(f"{found['split']} tiles killed their worker and were split")
+        words.append(f"{_count(found['split'], 'tile')} killed their worker and were split")
     tell({"vertices": opened.n, "faces": opened.n_faces} | found, words, written, as_json)
     if found["missing"] or not found["defined"]:
         raise typer.Exit(DEGRADED)
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _filtered(

@@ -142,13 +142,14 @@ def _where_to_look(folder: Path, run: dict[str, Any]) -> list[str]:
     """Lines with the files that a run has left, and the commands that go on from it."""
     name = shlex.quote(str(folder))
     is_unmeasured = run["frames"] > 2 and "evaluation" not in run  # it takes three poses
+    truths = " --truth POSES" * max(1, len(run.get("recordings", ())))
     return [
         f"pictures: {folder / 'pictures'}",
         f"report:   {folder / 'report.html'}",
         f"map:      {folder / 'map.vtu'}",
         "",
         f"look:     tspslam view {name}",
-        *([f"measure:  tspslam eval {name} --truth POSES"] if is_unmeasured else []),
+        *([f"measure:  tspslam eval {name}{truths}"] if is_unmeasured else []),
         f"hand on:  tspslam report {name}",
         f"          tspslam export {name} --to glb",
     ]

@@ -19,7 +19,9 @@ PortOption = Annotated[int, typer.Option(min=0, max=65535, help="First port to t
 def report_command(
     run: Annotated[Path, typer.Argument(help="A run folder, finished or not.")],
     output: Annotated[Path | None, typer.Option(help="HTML file [default: RUN-report.html here].")] = None,
-    truth: Annotated[Path | None, typer.Option(help="True poses, as eval takes them.")] = None,
+    truth: Annotated[
+        list[Path] | None, typer.Option(help="True poses, as eval takes them; again for each recording.")
+    ] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:

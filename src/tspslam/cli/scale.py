@@ -114,6 +114,8 @@ def _tabulate(result: BatchResult) -> list[str]:
     measured = [row for row in result.rows if row.evaluation]
     if measured:
         lines += ["", *_table([_errors(row) for row in measured])]
+        others = [row.name for row in result.rows if row.state in ("complete", "degraded") and not row.evaluation]
+        lines += [f"without true poses that fit: {', '.join(others)}"] if others else []
     return [*lines, "", f"page:     {result.folder / 'batch.html'}", f"summary:  {result.folder / 'batch.json'}"]
 
 

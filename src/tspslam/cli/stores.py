@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -30,5 +31,12 @@ def store_command(
     references = read_images(images) if images is not None else []
     made = write_store(out, of_file(source, faces=faces, images=references), chunk=chunk)
     counts = {"vertices": made.n, "faces": made.n_faces, "images": len(made.images)}
-    words = [f"{made.n} vertices, {made.n_faces} faces, {len(made.images)} images", f"filter:   tspslam filter {out}"]
-    tell(counts, words, [str(out)], as_json)
+    words = [f"{made.n} vertices, {made.n_faces} faces, {len(made.images)} images"]
+    missing = [] if made.n_faces else ["faces (--faces)"]
+    missing += [] if made.images or "luminance" in made.mesh.arrays else ["images (--images) or luminance"]
+    says = (
+        f"to filter it, make it with {' and '.join(missing)}"
+        if missing
+        else f"filter:   tspslam filter {quote(str(out))}"
+    )
+    tell(counts, [*words, says], [str(out)], as_json)

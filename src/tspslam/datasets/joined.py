@@ -244,8 +244,8 @@ class JoinedSequence:
 
     @property
     def remarks(self) -> list[str]:
-        """Where stamps are from, and how images were paired, of all recordings."""
-        return self._told("remarks")
+        """Where stamps are from, and how images were paired, of all recordings; what is so of several is told once."""
+        return list(dict.fromkeys(self._told("remarks")))
 
     @property
     def warnings(self) -> list[dict[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from ..view.report import CAPTIONS, write_report
 from ..vision.evaluate import TrajectoryErrors
 from .config import Resolved, describe, resolve
 from .evaluate import describe_errors, evaluated
+from .evaluate_recordings import evaluated_recordings
 from .guard import PAGE, check_place
 from .health import frame_states, judge_calibration
 
@@ -84,7 +86,11 @@ def describe_whole(
 
 
 def write_page(
-    run: PathLike, output: Path | None = None, *, truth: PathLike | None = None, is_forced: bool = False
+    run: PathLike,
+    output: Path | None = None,
+    *,
+    truth: PathLike | Sequence[PathLike] | None = None,
+    is_forced: bool = False,
 ) -> Page:
     """Write the report of a run as one page with all in it, for handing on; what cannot be read is named on it.
 
@@ -94,8 +100,8 @@ def write_page(
         The run folder, finished or not.
     output : path, optional
         The HTML file; RUN-report.html here by default.
-    truth : path, optional
-        True poses, as `evaluated` takes them.
+    truth : path or sequence of path, optional
+        True poses, as `evaluated` takes them; of a run of several recordings one for each, in their order.
     is_forced : bool
         Whether a file of another kind may be overwritten.
 
@@ -112,16 +118,15 @@ def write_page(
     """
     folder = RunFolder.open(run)
     target = output or Path(f"{folder.path.resolve().name}-report.html")
-    check_place(target, PAGE, [folder.path, *([] if truth is None else [Path(truth)])], is_forced=is_forced)
+    truths = [Path(each) for each in ([truth] if isinstance(truth, str | os.PathLike) else truth or ())]
+    check_place(target, PAGE, [folder.path, *truths], is_forced=is_forced)
     found = _Found(folder)
     record, made = found.record(), found.map()
     states, shots = frame_states(record), list(found.shots(frame_states(record)))
     frame = found.first_frame()
     if frame is None and made is None and not found.has_record:
         raise bad_input(run, f"holds nothing that can be shown ({'; '.join(found.missing[:2])})", "a run with a frame")
-    errors = None if truth is None else found.tried(lambda: evaluated(folder.path, truth))
-    if errors is not None:
-        record["evaluation"] = describe_errors(errors)
+    errors = found.tried(lambda: _measure(folder.path, truths, record)) if truths else None
     rig = made.rig if made is not None else None if frame is None else frame.rig
     calibration = record.get("calibration")
     findings = judge_calibration(calibration, rig, made.gain if made else None) if isinstance(calibration, dict) else []
@@ -131,6 +136,19 @@ def write_page(
     )  # fmt: skip
     write_report(frame, record, found.pictures(), target, map_=made, whole=whole)
     return Page(target, tuple(found.missing))
+
+
+def _measure(run: Path, truths: Sequence[Path], record: dict[str, Any]) -> TrajectoryErrors:
+    """Errors of the path, noted in the record; those of each recording too, where there is a true path for each."""
+    if len(truths) == 1:
+        errors = evaluated(run, truths[0])
+    else:
+        found = evaluated_recordings(run, truths)
+        errors = found.joint
+        for one in record["recordings"]:
+            one["evaluation"] = describe_errors(found.each[one["name"]])
+    record["evaluation"] = describe_errors(errors)
+    return errors
 
 
 @dataclass

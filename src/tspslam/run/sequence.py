@@ -29,15 +29,7 @@ from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack, write_checkpoint
 from ._stored_rows import changed, find_row, text_of
-from .record import (
-    FrameRecord,
-    Row,
-    SkippedPair,
-    hash_of,
-    pair_hash,
-    record_complex,
-    record_frame,
-)
+from .record import FrameRecord, Row, SkippedPair, hash_of, pair_hash, record_complex, record_frame
 
 OnFrame = Callable[[Frame], object]
 _Arrived = tuple[StereoPair | InputError, str]  # a pair, or why it cannot be read; hash of what it is made from

@@ -74,6 +74,7 @@ nav ul { display: flex; flex-wrap: wrap; gap: 0.2rem 1.1rem; margin: 1.2rem 0 0;
 .findings .badge { margin-left: 0.3rem; }
 .cells { display: block; width: 100%; height: 84px; background: var(--card); border: 1px solid var(--rule); }
 .cells g:hover { opacity: 0.6; }
+.cells .begin { stroke: var(--ink); stroke-width: 2; fill: none; vector-effect: non-scaling-stroke; }
 .tracked { fill: var(--sky); } .keyframe { fill: var(--blue); } .weak { fill: var(--gold); }
 .loop { fill: var(--pink); } .lost { fill: var(--red); } .skipped { fill: var(--quiet); }
 svg .mark { stroke: var(--card); stroke-width: 1.5; fill: none; vector-effect: non-scaling-stroke; }

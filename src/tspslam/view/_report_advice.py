@@ -8,6 +8,7 @@ from typing import Any
 from ._html import text
 
 ADVICE = {
+    "apart": "Nothing is to be done: they came before the place was known; the rest of the recording is joined.",
     "adjustment": "Drive slower or with more overlap there; single cases are harmless, many make the path drift.",
     "bits": "If the pictures look too dark or too bright, say how many bits your camera writes: --bits 12, say.",
     "calibration": "Look at your calibration file with tspslam calib show: it prints where each value is from.",
@@ -42,6 +43,9 @@ ADVICE = {
     "no_complex": "The frame shows too little for a surface: nothing is to be done for single frames without texture.",
     "no_response": "Check that the mesh or the points lie in view of the camera, and that faces share vertices.",
     "no_shared_edge": "Filter it again with --merge-corners, or join the vertices in the program that made the mesh.",
+    "not_joined": (
+        "Let the recording pass a place that the others saw, in the same direction; its own path is in its own file."
+    ),
     "offset_unexplained": "Calibrate the pair anew; if it was knocked, run what is before and what is after.",
     "pinched_vertices": "Nothing is to be done: it says where the surface is cut between near and far.",
     "polygons": "Nothing is to be done; cut the faces yourself where another diagonal would be better.",
@@ -69,6 +73,8 @@ REASONS = {
     "camera_lost": "the camera gave no more images",
     "frame_skipped": "pairs could not be used",
     "tracking_lost": "tracking was lost",
+    "not_joined": "a recording was not found in the map of the others",
+    "apart": "frames of a recording stand nowhere in its path",
     "no_complex": "frames have a pose, but no surface",
     "adjustment": "adjustments of the map had no solution",
     "no_response": "no vertex has a response",

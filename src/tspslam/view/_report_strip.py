@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Sequence
 
@@ -22,19 +23,21 @@ _RANK = {state: place for place, state in enumerate(STATES)}
 _LONGEST_LIST = 12  # spans of frames that are named
 
 
-def strip_section(states: Sequence[FrameState]) -> str:
-    """Make the section of a run of several frames; nothing of a run of one."""
+def strip_section(states: Sequence[FrameState], starts: Sequence[tuple[int, str]] = ()) -> str:
+    """Make the section of a run of several frames, with lines where recordings begin; nothing of a run of one."""
     if len(states) < 2:
         return ""
     each = -(-len(states) // MOST_CELLS)
     cells = [states[k : k + each] for k in range(0, len(states), each)]
     said = f" Each cell is {each} frames, as the worst of them went." if each > 1 else ""
+    bars = "".join(_cell(k, cell) for k, cell in enumerate(cells)) + _lines(cells, starts)
+    said += "".join(f" The line at frame {first} is where {text(name)} begins." for first, name in starts)
     return (
         '<section class="strip" aria-labelledby="strip"><h2 id="strip">Frame by frame</h2>'
         f'<p class="quiet">From the first frame on the left to the last on the right. Each height stands for a '
         f"state; a frame of which two are true counts as the one that is named first below.{said}</p>"
         f'<svg class="cells" role="img" aria-label="{text(summary_of(states))}" viewBox="0 0 {10 * len(cells)} 100" '
-        f'preserveAspectRatio="none">{"".join(_cell(k, cell) for k, cell in enumerate(cells))}</svg>'
+        f'preserveAspectRatio="none">{bars}</svg>'
         f'<p class="ends"><span>frame {states[0].frame}</span><span>frame {states[-1].frame}</span></p>'
         f"{_legend(states)}{_where(states)}</section>"
     )
@@ -78,6 +81,15 @@ def _cell(place: int, frames: Sequence[FrameState]) -> str:
     seen = "" if worst.landmarks is None else f", {worst.landmarks} landmarks"
     title = f"{span}: {worst.state}{'' if len(frames) == 1 else f' in frame {worst.frame}'}{seen} ({worst.name})"
     return f'<g class="{worst.state}"><title>{text(title)}</title>{_bar(x, y, height, mark)}</g>'
+
+
+def _lines(cells: Sequence[Sequence[FrameState]], starts: Sequence[tuple[int, str]]) -> str:
+    """A line before the cell in which each further recording begins."""
+    lasts = [cell[-1].frame for cell in cells]
+    return "".join(
+        f'<path class="begin" d="M{10 * bisect_left(lasts, first) - 0.5:g} 0V100"><title>{text(name)}</title></path>'
+        for first, name in starts
+    )
 
 
 def _bar(x: float, y: float, height: float, mark: str) -> str:

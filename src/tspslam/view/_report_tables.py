@@ -10,7 +10,7 @@ from ._html import shown_value, text
 LONG_TABLE = 14  # rows; longer ones are folded
 MOST_ROWS = 400  # of a table: a page of thousands is slow, and run.json has them
 FOLDED = frozenset({"settings", "versions", "hashes", "seeds", "environment"})
-TOLD = frozenset({"status", "warnings", "evaluation", "calibration", "loop_closures", "skipped"})
+TOLD = frozenset({"status", "warnings", "evaluation", "calibration", "loop_closures", "skipped", "recordings"})
 """What stands elsewhere on the page of a whole run."""
 UNITS = {"px": "px", "m": "m", "m2": "m²", "s": "s", "ms": "ms", "deg": "°", "rad": "rad", "percent": "%", "mb": "MB"}
 NAMES = {"n": "vertices", "euler": "Euler_characteristic"}

@@ -14,17 +14,21 @@ from PIL import Image as PillowImage
 from .._atomic import write_bytes
 from ._html import page_of, shown_value, text, tiles
 
-_SIZE = (200, 140)  # px of a picture at most: a page of 400 runs stays at a few MB
+_SIZE = (150, 120)  # px of a picture at most: a page of 400 runs stays at a few MB
 _TONES = {"complete": "good", "degraded": "note", "unfinished": "none"}
+_HOW = {"resumed": "resumed", "there": "finished before"}
 _ERRORS = (
     ("ate_rmse_m", "ATE [m]"),
     ("rpe_translation_percent_10m", "RPE over 10 m [%]"),
     ("rpe_rotation_deg_frame", "RPE a frame [°]"),
 )
+_SIDE = ' style="text-align: right"'  # of the heads of numbers
 _STYLE = (
     "<style>.batch td, .batch th { vertical-align: top; } .batch img { display: block; border-radius: 6px; "
     "background: #ffffff; } .batch .number { text-align: right; white-space: nowrap; } .batch p { margin: 0.2rem 0; } "
-    ".batch .badge { margin-left: 0; } .batch details { margin-top: 0.2rem; }</style>"
+    ".batch .badge { margin-left: 0; } .batch details { margin-top: 0.2rem; } .batch table { font-size: 0.85rem; } "
+    ".batch td, .batch th { padding-right: 0.6rem; } .batch thead th { white-space: normal; overflow-wrap: normal; } "
+    ".batch td:first-child, .batch td:nth-child(2) { min-width: 9rem; }</style>"
 )
 
 
@@ -89,7 +93,7 @@ def _failures(rows: Sequence[Mapping[str, Any]]) -> str:
 def _table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> str:
     errors = [each for each in _ERRORS if any((row.get("evaluation") or {}).get(each[0]) is not None for row in rows)]
     heads = ["", "Run", "State", "Frames", "Keyframes", "Loops", "Time [s]", "Frames/s", *(name for _, name in errors)]
-    head = "".join(f'<th scope="col">{text(each)}</th>' for each in heads)
+    head = "".join(f'<th scope="col"{_SIDE if k > 2 else ""}>{text(each)}</th>' for k, each in enumerate(heads))
     body = "".join(_row(folder, row, [key for key, _ in errors]) for row in rows)
     return (
         '<section class="batch" aria-labelledby="runs"><h2 id="runs">Runs</h2><div class="card wide">'
@@ -121,7 +125,7 @@ def _short(value: Any) -> Any:
 def _name(row: Mapping[str, Any], is_finished: bool) -> str:
     name = text(row["name"])
     link = f'<a href="{text(quote(str(row["name"])))}/report.html">{name}</a>' if is_finished else name
-    return f'<p><b>{link}</b></p><p class="quiet">{text(row["source"])}</p>'
+    return f'<p><b>{link}</b></p><p class="quiet">{text(row["source"]).replace("/", "/<wbr>")}</p>'
 
 
 def _warnings(row: Mapping[str, Any]) -> str:
@@ -135,7 +139,7 @@ def _warnings(row: Mapping[str, Any]) -> str:
 
 def _attempts(row: Mapping[str, Any]) -> str:
     attempts, how = row.get("attempts", 0), str(row.get("how", ""))
-    said = [how] if how in ("resumed", "there") else []
+    said = [_HOW[how]] if how in _HOW else []
     said += [f"{attempts} attempts"] if attempts > 1 else []
     return f'<p class="quiet">{text(", ".join(said))}</p>' if said else ""
 

@@ -17,6 +17,7 @@ from ._report_gallery import gallery_section
 from ._report_health import health_section
 from ._report_parts import WholeRun
 from ._report_path import path_section, true_path
+from ._report_recordings import recordings_section, starts_of
 from ._report_strip import strip_section
 from ._report_tables import TOLD, is_table, numbers_section, settings_section
 from ._report_timings import timings_section
@@ -151,8 +152,9 @@ def _sections(
         _header(frame, run),
         warnings_section(run.get("warnings") or []),
         missing_section(whole.missing),
+        recordings_section(run.get("recordings")),
         _mesh(frame) if map_ is None else map_section(map_, stations, true_path(whole.errors)),
-        strip_section(whole.states),
+        strip_section(whole.states, starts_of(run.get("recordings"))),
         path_section(run.get("evaluation"), whole.errors),
         health_section(whole.findings),
         timings_section(whole.timings),

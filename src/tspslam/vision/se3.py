@@ -66,7 +66,7 @@ def repeated(T: FloatArray, times: float | FloatArray) -> FloatArray:
     ----------
     T : (..., 4, 4) float64
         Rigid motions, m.
-    times : float, or (...) float64
+    times : float or (...,) float64
         Any numbers; 0.5 is half of the way.
 
     Returns

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._brief import Brief
 from ...types import FloatArray
 
 PER_CELL = 64  # vertices of an evenly filled cell: few of a chunk, so that a chunk's rim is short
@@ -18,8 +19,8 @@ MOST_CELLS = 1 << 22  # counters, 8 bytes each
 Places = NDArray[np.int64]
 
 
-@dataclass
-class Group:
+@dataclass(repr=False)
+class Group(Brief):
     """The vertices of one image, or of none: how many there are, and the box that they lie in."""
 
     count: int = 0
@@ -32,8 +33,8 @@ class Group:
         self.low, self.high = np.minimum(self.low, xyz.min(axis=0)), np.maximum(self.high, xyz.max(axis=0))
 
 
-@dataclass(frozen=True)
-class Grid:
+@dataclass(frozen=True, repr=False)
+class Grid(Brief):
     """A square grid over the two widest axes of a group's box, 2^depth cells a side, counted from `first` on."""
 
     first: int

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..._files import reason_of
 from ...errors import InputError
+from ..cluster import quiet, require_dask
 from .mesh import StoredMesh, open_mesh
 
 Run = tuple[int, int]
@@ -48,13 +49,17 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
         return
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST_WORKERS:
         raise InputError(f"workers are {workers!r:.40}, expected 0 to {_MOST_WORKERS} processes")
-    dask, distributed = _module("dask"), _module("distributed")
+    require_dask()
+    dask = _module("dask")
     settings = {"distributed.scheduler.allowed-failures": 0, "distributed.worker.profile.enabled": False}
-    with dask.config.set(settings), distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-        dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
-    ) as machine, distributed.Client(machine) as own:  # fmt: skip
-        yield own
+    with quiet(), dask.config.set(settings):
+        distributed = _module("distributed")
+        with distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+            worker_dashboard_address=None, silence_logs=logging.CRITICAL,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+        ) as machine, distributed.Client(machine) as own:  # fmt: skip
+            yield own
 
 
 @contextlib.contextmanager
@@ -78,13 +83,15 @@ def connected(address: str | None) -> Iterator[Any]:
     if address is None:
         yield None
         return
-    distributed = _module("distributed")
-    try:
-        client = distributed.Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{address}: no scheduler answers ({reason_of(error)}), expected one of Dask") from error
-    with client:
-        yield client
+    require_dask()
+    with quiet():
+        distributed = _module("distributed")
+        try:
+            client = distributed.Client(address, timeout=_PATIENCE)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"{address}: no scheduler answers ({reason_of(error)}), expected one of Dask") from error
+        with client:
+            yield client
 
 
 def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tuple[dict[str, Any], Run]]:

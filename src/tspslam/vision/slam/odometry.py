@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,11 +80,7 @@ class Tracking(Checked, what="tracking"):
     patience: int = setting(3, 1, 1000, unit="frames", source="by hand; half, twice: same paths")
     sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="by hand; KITTI 05 0.15: 43, 0.6: 47 mm (38)")
     sigma_offset: float = setting(
-        0.3,
-        0.001,
-        10,
-        unit="px",
-        source="KITTI's, calibrated with care, have up to 0.4; KITTI 05 0.15: 43, 0.6: 36 mm (38)",
+        0.3, 0.001, 10, unit="px", source="KITTI's, with care, have up to 0.4; KITTI 05 0.15: 43, 0.6: 36 mm (38)"
     )
     every_frame: bool = setting(False, unit="", source="keyframes are what the map rests on")
     pose: TrackingSettings = field(default_factory=TrackingSettings)
@@ -153,13 +150,12 @@ class StereoOdometry:
         self.map, self.path = Map(rig, window=settings.window, settings=settings.map), CameraPath()
         self._places = PlaceRecognition(self.map, settings.pose, settings.loops)
         self._locator = Locator(self.map, self._places, settings.pose, self._detect)
-        self.mapper = LocalMapper(
-            self.map, self._places, sigma_disparity=settings.sigma_disparity, sigma_offset=settings.sigma_offset
-        )
+        sigmas = {"sigma_disparity": settings.sigma_disparity, "sigma_offset": settings.sigma_offset}
+        self.mapper = LocalMapper(self.map, self._places, **sigmas)
 
     def __repr__(self) -> str:
-        counts = f"{len(self.path)} frames, {len(self.map.keyframes)} keyframes, {len(self.map.xyz)} landmarks"
-        return f"StereoOdometry({counts})"
+        frames, keyframes, landmarks = len(self.path), len(self.map.keyframes), len(self.map.xyz)
+        return f"StereoOdometry({frames} frames, {keyframes} keyframes, {landmarks} landmarks)"
 
     @property
     def disparity_offset(self) -> tuple[float, float]:
@@ -256,7 +252,7 @@ class StereoOdometry:
         """
         self._check(pair.name, pair.rig, pair.stamp)
         images, watch, path = prepare(pair), Stopwatch(), self.path
-        estimate = None
+        estimate, stereo, is_origin = None, None, False
         if self.map.keyframes:
             since = len(path) - self.map.keyframes[-1].index
             if since >= _JOINED and self.mapper.is_adjusting:
@@ -267,14 +263,12 @@ class StereoOdometry:
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
         link = self._link(images, estimate)
         watch.lap("follow")
-        stereo, is_origin = None, False
         if self._wants_keyframe(estimate):
             estimate = self._join(estimate)
             watch.lap("wait")
             is_first = self.is_beginning or not self.map.keyframes
             stereo = self._add_keyframe(images, estimate, watch)
-            is_origin = is_first and stereo is not None
-            if is_origin:
+            if is_origin := is_first and stereo is not None:
                 path.start()
                 self.mapper.joins += [] if estimate is None else [(len(path), link[0], len(estimate))]
         path.record(images.stamp, self.map, link)
@@ -301,9 +295,12 @@ class StereoOdometry:
             estimate = self._locator.find(images.left_image, [predicted, last, last @ path.motion])
         if estimate is None:
             return None
-        disparity = measure_disparities(map_.rig, images, estimate, map_.xyz, self._near, self._row_offset)
         spread = spread_of(images.sigma, estimate.uv, self.tracking.sigma_disparity)
-        return refine_pose(map_.rig, estimate, map_.xyz, disparity, spread, settings)
+        return refine_pose(map_.rig, estimate, map_.xyz, self._measure(images, estimate), spread, settings)
+
+    def _measure(self, images: PreparedPair, estimate: PoseEstimate) -> FloatArray:
+        """Disparities of the landmarks of an estimate."""
+        return measure_disparities(self.map.rig, images, estimate, self.map.xyz, self._near, self._row_offset)
 
     def _link(self, images: PreparedPair, estimate: PoseEstimate | None) -> tuple[int, FloatArray]:
         """Which keyframe a frame was located against, and the covariance of its pose against it; none of the first."""
@@ -311,10 +308,9 @@ class StereoOdometry:
             return 0, np.zeros((6, 6))
         if estimate is None:
             return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
-        spread = spread_of(images.sigma, estimate.uv, self.tracking.sigma_disparity)
-        return covariance_against_keyframe(
-            self.map, estimate, self.tracking.pose.sigma_uv, spread, self.mapper.bias.std
-        )
+        settings, bias = self.tracking, self.mapper.bias
+        spread = spread_of(images.sigma, estimate.uv, settings.sigma_disparity)
+        return covariance_against_keyframe(self.map, estimate, settings.pose.sigma_uv, spread, bias.std)
 
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
@@ -347,12 +343,8 @@ class StereoOdometry:
             watch.lap("points")
         if self.map.keyframes and np.isfinite(stereo.disparity).sum() < self.tracking.pose.min_matches:
             return None
-
-        def measure(again: PoseEstimate) -> FloatArray:
-            map_ = self.map
-            return measure_disparities(map_.rig, images, again, map_.xyz, self._near, self._row_offset)
-
         T = np.eye(4) if self.is_beginning and estimate is None else self.path.pose
+        measure = partial(self._measure, images)
         self.path.pose = self.mapper.add_keyframe(len(self.path), images, T, estimate, stereo, measure)
         self._row_offset = stereo.quality.vertical_offset_px
         watch.lap("map")
@@ -390,7 +382,7 @@ class StereoOdometry:
         self.map.images.close()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Collect all that the next frame depends on, as arrays; `restore` takes them.
+        """Collect all that the next frame depends on, as arrays of its own: the map goes on. `restore` takes them.
 
         Returns
         -------
@@ -399,16 +391,8 @@ class StereoOdometry:
         """
         path, mapper = self.path, self.mapper
         counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting + mapper.is_correcting, path.unplaced
-        state = (
-            map_state(self.map)
-            | path.state()
-            | mapper.state()
-            | {
-                "counts": np.array(counts, np.int64),
-                "row_offset": np.array(self._row_offset),
-            }
-        )
-        # the map goes on: what was not made for this is copied
+        own = {"counts": np.array(counts, np.int64), "row_offset": np.array(self._row_offset)}
+        state = map_state(self.map) | path.state() | mapper.state() | own  # the map goes on: what is its own is copied
         return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], image_of: Callable[[int], Image]) -> None:
@@ -435,7 +419,7 @@ class StereoOdometry:
         mapper.restore(state)
         mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
         self._row_offset = float(state["row_offset"])
-        if was_under_way:  # what was under way began from this very map
+        if was_under_way:  # it began from this very map
             (mapper.start_correction if was_under_way == _CORRECTING else mapper.start_adjustment)()
 
     def _check_descriptors(self, image_of: Callable[[int], Image]) -> None:
