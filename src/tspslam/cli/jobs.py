@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._files import bad_input
 from ..errors import InputError
 from ..printing import note, remarks_as_json
 from ._filter_store import filter_a_store, refuse_options
@@ -164,6 +166,8 @@ def filter_command(
         )  # fmt: skip
         return
     refuse_options(images=images, workers=workers or None, scheduler=scheduler, to=to, what="a store")
+    if mesh is not None and not os.path.lexists(mesh):
+        raise bad_input(mesh, "is not there", "a mesh, or a store: tspslam store makes one")
     if image is None or calib is None:
         raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
