@@ -84,6 +84,9 @@ def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
     [
         (["filter", "STORE", "--image", "a.png"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--merge-corners"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--surface", "crust"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--polygons", "cells"], 2, "goes with a mesh or a scan"),
+        (["filter", "gone.zarr"], 3, "gone.zarr: is not there; expected a mesh, or a store"),
         (["filter", "a.ply", "--image", "a.png", "--calib", "c", "--workers", "2"], 2, "goes with a store"),
         (["filter", "a.ply"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),

@@ -160,7 +160,10 @@ def filter_command(
     from ..topology.harmonic import Tmahf
 
     if mesh is not None and cloud is None and mesh.is_dir():
-        refuse_options(image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None)
+        refuse_options(
+            image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None,
+            surface=surface if surface != "range" else None, polygons=polygons if polygons != "fan" else None,
+        )  # fmt: skip
         filter_a_store(
             mesh, (order, centering), images=images, out=out, to=to, where=(workers, scheduler, memory), as_json=as_json
         )  # fmt: skip

@@ -10,7 +10,7 @@ from ..._files import bad_input
 from ...io.lock import FolderLock
 from . import cluster
 from .mesh import StoredMesh
-from .stored_response import StoredResponse, begin, finish, open_response, runs_done, store_answer, sweep
+from .stored_response import StoredResponse, begin, finish, open_response, runs_done, stamps_of, store_answer, sweep
 from .tiled_filter import Options, filter_rows
 from .tiles import checked_tile, runs_to_do, tile_for
 
@@ -141,9 +141,9 @@ def filter_run(
         If the responses cannot be written.
     """
     opened = store if isinstance(store, StoredMesh) else cluster.kept_store(*store)
-    chosen = Options.of(options)
+    chosen, stamps = Options.of(options), stamps_of(opened, first, last)
     answer = filter_rows(opened, chosen, first, last, tile)
-    told = {"peak_bytes": peak_bytes(), "tile": tile}
+    told = {"peak_bytes": peak_bytes(), "tile": tile, "images": stamps}
     store_answer(opened, chosen.name, first, answer, told)
     return told | {"defined": int(answer.defined.sum()), "missing": list(answer.missing)}
 
