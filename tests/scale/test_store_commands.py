@@ -92,6 +92,7 @@ def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
         (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),
         (["filter", "STORE", "--out", "x"], 2, "goes with --out"),
         (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected vtu or ply"),
+        (["filter", "STORE", "--to", "ply", "--out", "STORE/x"], 3, "lies in the store"),
         (["filter", "STORE", "--memory", "2 bananas"], 3, "memory is '2 bananas'"),
         (["filter", "STORE", "--scheduler", "nowhere"], 3, "nowhere: no scheduler answers"),
         (["filter", "."], 3, "is no Zarr group of version 3"),
@@ -114,7 +115,7 @@ def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, cod
     (tmp_path / "none.txt").write_text("# nothing\n")
     if "STORE" in words:
         write_store(tmp_path / "s.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
-    got, out, err = typed(capsys, *["s.zarr" if word == "STORE" else word for word in words])
+    got, out, err = typed(capsys, *[word.replace("STORE", "s.zarr") for word in words])
     assert (got, out) == (code, "")
     assert said in err.replace("\n", " ")
     assert not (tmp_path / "x.zarr").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -88,7 +89,7 @@ def _check(store: StoredMesh) -> None:
         raise bad_input(store.path, "has no faces, so that no vertex has neighbours", "a mesh")
     if not store.images and "luminance" not in store.arrays:
         raise bad_input(store.path, "has neither images nor luminance", "one of them")
-    if store.images and not any(path.exists() for path in store.image_paths):
+    if store.images and not any(map(os.path.exists, store.image_paths)):
         said = f"none of its {len(store.images)} images is there, such as {store.image_paths[0]}"
         raise bad_input(store.path, said, "images where they were, or their folder now (--images, images=)")
 
