@@ -120,6 +120,13 @@ def test_a_finished_run_that_was_changed_is_not_taken_for_finished(place, batch,
         run_batch([place / "walks"], place / "elsewhere")
     assert not (place / "elsewhere").exists()
     run_batch([place / "walks"], place / "runs")  # all is there again
+    held = [(place / "walks" / "long" / side / "008.png") for side in ("left", "right")]
+    for image in held:
+        image.rename(image.with_suffix(".held"))
+    with pytest.raises(Begun, match="1"):  # its recording has other frames than it
+        run_batch([place / "walks"], place / "runs")
+    for image in held:
+        image.with_suffix(".held").rename(image)
 
 
 def test_two_batches_in_one_folder_are_one_line(capsys, place, batch):

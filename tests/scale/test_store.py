@@ -86,6 +86,17 @@ def test_vertices_stand_by_image_and_each_takes_the_one_it_lies_deepest_in(tmp_p
     assert set(number[start[1] : start[2]].tolist()) == set(np.flatnonzero(best == 1).tolist())
 
 
+def test_a_text_ply_keeps_the_places_in_the_images(tmp_path):
+    rows = [(0, 0, 5, 1, 2), (1, 0, 5, 3, 4), (0, 1, 5, 5, 6.5)]
+    names = "".join(f"property double {name}\n" for name in "xyzuv")
+    head = f"ply\nformat ascii 1.0\nelement vertex 3\n{names}element face 1\n"
+    body = "\n".join(" ".join(map(str, row)) for row in rows)
+    (tmp_path / "a.ply").write_text(f"{head}property list uchar int vertex_indices\nend_header\n{body}\n3 0 1 2\n")
+    store = write_store(tmp_path / "a.zarr", of_file(tmp_path / "a.ply"))
+    number = store.read("id", 0, 3)
+    assert store.read("uv", 0, 3)[np.argsort(number)].tolist() == [[1, 2], [3, 4], [5, 6.5]]
+
+
 def test_a_ply_file_is_read_block_by_block_and_gives_what_arrays_give(tmp_path, monkeypatch):
     monkeypatch.setattr(sources, "BLOCK", 11)
     xyz, faces, uv = tangled(4, 100)

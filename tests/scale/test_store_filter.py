@@ -158,6 +158,18 @@ def test_vertices_of_a_missing_image_have_no_response_until_it_is_there(tmp_path
     assert same_bits(store.filter().read(), *truth)
 
 
+@pytest.mark.parametrize("file", ["complete.json", "done/0-40.json"])
+@pytest.mark.parametrize("content", ["{", "{}", "[]", '{"options": 3, "missing": [7]}'])
+def test_what_is_kept_about_a_response_and_was_damaged_is_made_anew(tmp_path, file, content):
+    xyz, faces, uv = tangled(5)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=64)
+    response = store.filter()
+    before = response.read().z.tobytes()
+    (store.path / "responses" / response.name / file).write_text(content)
+    again = store.filter()
+    assert (again.read().z.tobytes(), again.summary["tiles"]) == (before, 1)
+
+
 def test_vertices_of_an_image_that_was_changed_are_filtered_anew(tmp_path):
     xyz, faces, uv = tangled(4, 80)
     references, pixels = two_images(tmp_path)

@@ -176,7 +176,9 @@ class _Batch:
         folder = self._runs / recording.name
         with contextlib.suppress(InputError):  # then it is not finished
             if is_known and settings_of(folder) == self._config_of(recording):
-                return self._measured(replace(row, how="there", **found_of(folder)))
+                found = found_of(folder)
+                if found["frames"] == recording.frames or recording.source.is_file():  # a video may end before it says
+                    return self._measured(replace(row, how="there", **found))
         return row
 
     def _config_of(self, recording: Recording) -> Any:

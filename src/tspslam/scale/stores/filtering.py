@@ -11,7 +11,17 @@ from ..._files import bad_input
 from ...io.lock import FolderLock
 from . import cluster
 from .mesh import StoredMesh
-from .stored_response import StoredResponse, begin, finish, open_response, runs_done, stamps_of, store_answer, sweep
+from .stored_response import (
+    StoredResponse,
+    begin,
+    finish,
+    is_complete,
+    open_response,
+    runs_done,
+    stamps_of,
+    store_answer,
+    sweep,
+)
 from .tiled_filter import Options, filter_rows
 from .tiles import checked_tile, runs_to_do, tile_for
 
@@ -69,7 +79,7 @@ def filter_mesh(
     try:
         done = runs_done(store, options.name)
         runs = runs_to_do(store.n, store.chunk, size, done)
-        if runs or not (folder / "complete.json").exists():
+        if runs or not is_complete(folder):
             sweep(folder)
             finished = sum(last - first for first, last in done)
             for row, (first, last) in _run(store, options, runs, size, place):

@@ -144,19 +144,41 @@ def open_response(store: StoredMesh, name: str) -> StoredResponse:
         had = ", ".join(names_of(store.path)) or "none"
         raise bad_input(store.path, f"has no response {name!r:.60}", f"one that is there: {had}")
     try:
-        found = json.loads((folder / _COMPLETE).read_bytes())
-        options = Options.of(found["options"])
-        summary = found["summary"]
+        options, summary = _read_complete(folder)
         z, flags = (_zarr.opened(folder, each, "r") for each in ("z", "defined"))
     except FileNotFoundError as error:
         raise bad_input(folder, "was not finished", _EXPECTED) from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise bad_input(folder, f"is damaged ({reason_of(error)})", _EXPECTED) from error
     for array, dtype in ((z, np.complex128), (flags, np.bool_)):
         if array.dtype != dtype or array.shape != (store.n,) or array.chunks != (store.chunk,):
             raise bad_input(folder, f"has {array.dtype} of shape {array.shape}", f"({store.n},), as the store")
         _zarr.check_whole(array)
     return StoredResponse(store, name, options, summary, z, flags)
+
+
+def _read_complete(folder: Path) -> tuple[Options, dict[str, Any]]:
+    found = json.loads((folder / _COMPLETE).read_bytes())
+    return Options.of(found["options"]), {name: found["summary"][name] for name in (*_TOLD[:3], "tiles", "split")}
+
+
+def is_complete(folder: Path) -> bool:
+    """Tell whether responses are said to be whole, in a file that can be read.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the responses.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        _read_complete(folder)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return False
+    return True
 
 
 def folder_of(store: StoredMesh, name: str) -> Path:
