@@ -149,6 +149,7 @@ def test_bad_input_alone_is_bad_input(capsys, place, tmp_path):
     assert cli.exit_code(["batch", str(place / "broken"), "--out", str(tmp_path / "runs"), "--json"]) == cli.BAD_INPUT
     out, err = capsys.readouterr()
     assert json.loads(out)["states"] == {"refused": 1}
+    assert json.loads(out)["names"] == {}  # its name is free again
     assert [json.loads(line).get("state") for line in err.splitlines()] == [None, "refused"]
 
 

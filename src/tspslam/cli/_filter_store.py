@@ -63,7 +63,7 @@ def _filtered(
 
     (order, centering), (workers, scheduler, memory) = mode, where
     chosen: Any = centering
-    with progress(as_json) as on_step, connected(scheduler) as client:
+    with progress(as_json) as on_step, connected(scheduler, store.path) as client:
         on_step(Step("filter", 0, store.n))
         return store.filter(
             order=order, centering=chosen, memory=memory, workers=workers, client=client,

@@ -161,7 +161,8 @@ class _Batch:
         self._runs, self._resolved, self._on_event = runs, resolved, on_event
         names = read_names(runs)
         self._recordings = open_recordings(found, names)
-        self._names = names | {str(each.source): each.name for each in self._recordings}
+        kept = [each for each in self._recordings if not each.error or os.path.lexists(runs / each.name)]
+        self._names = names | {str(each.source): each.name for each in kept}
         self._truths: Truths = {}
         if truths is not None:
             self._truths = find_truths(truths, [each.name for each in self._recordings])

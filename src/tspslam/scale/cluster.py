@@ -151,7 +151,7 @@ def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
     """
     import dask
 
-    with _quiet(), dask.config.set(_settings(threads)), contextlib.ExitStack() as stack:
+    with quiet(), dask.config.set(_settings(threads)), contextlib.ExitStack() as stack:
         from distributed import Client, LocalCluster
 
         with _without_interrupts():
@@ -227,7 +227,7 @@ def running_cluster(address: str, paths: Collection[str]) -> Iterator[Client]:
     found = _ADDRESS.fullmatch(address)
     if not found or int(found[1]) > _LAST_PORT:
         raise InputError(one_line(f"{address[:80]}: is no address of a scheduler, {_SUCH}"))
-    with _quiet():
+    with quiet():
         from distributed import Client
 
         _require_scheduler(address)
@@ -257,8 +257,13 @@ async def _identify(address: str) -> str:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Without what Dask logs: what matters of it is said by events."""
+def quiet() -> Iterator[None]:
+    """Do something without what Dask logs: what matters of it is said by events.
+
+    Yields
+    ------
+    None
+    """
     import dask
 
     with dask.config.set({"logging": dict.fromkeys(_LOGS, "critical")}):  # read when distributed is first imported

@@ -10,14 +10,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..._files import reason_of
 from ...errors import InputError
+from ..cluster import quiet, running_cluster
 from .mesh import StoredMesh, open_mesh
 
 Run = tuple[int, int]
 Work = Callable[[int, int, int], dict[str, Any]]
 _MOST_WORKERS = 1024
-_PATIENCE = 10.0  # s for a scheduler to answer
 _MOST_DEATHS = 8  # of workers over one run: its tiles are then 1/128 of what they were
 
 
@@ -48,23 +47,28 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
         return
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST_WORKERS:
         raise InputError(f"workers are {workers!r:.40}, expected 0 to {_MOST_WORKERS} processes")
-    dask, distributed = _module("dask"), _module("distributed")
+    dask = _module("dask")
+    with quiet():  # it logs as it is imported
+        distributed = _module("distributed")
     settings = {"distributed.scheduler.allowed-failures": 0, "distributed.worker.profile.enabled": False}
-    with dask.config.set(settings), distributed.LocalCluster(
+    with quiet(), dask.config.set(settings), distributed.LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-        dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL,
+        worker_dashboard_address=None, silence_logs=logging.CRITICAL,
+        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
     ) as machine, distributed.Client(machine) as own:  # fmt: skip
         yield own
 
 
 @contextlib.contextmanager
-def connected(address: str | None) -> Iterator[Any]:
+def connected(address: str | None, store: Path) -> Iterator[Any]:
     """Give a client of a scheduler that runs already.
 
     Parameters
     ----------
     address : str or None
         Such as ``tcp://10.0.0.1:8786``; None gives None.
+    store : Path
+        What its workers have to see.
 
     Yields
     ------
@@ -73,17 +77,16 @@ def connected(address: str | None) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If dask is not installed, or nobody answers within ten seconds.
+        If dask is not installed, nobody answers within ten seconds, or there is no worker, one that does not see the
+        store, or one of other versions.
     """
     if address is None:
         yield None
         return
-    distributed = _module("distributed")
-    try:
-        client = distributed.Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{address}: no scheduler answers ({reason_of(error)}), expected one of Dask") from error
-    with client:
+    _module("dask")
+    with quiet():
+        _module("distributed")
+    with running_cluster(address, [str(store.resolve())]) as client:
         yield client
 
 
