@@ -337,6 +337,7 @@ def test_recordings_are_typed_one_after_another(folders, tmp_path, capsys):
         (["{there}", "--into", "{run}", "--out", "x"], 2, "--out: does not go with --into"),
         (["--into", "{run}"], 2, "--into: goes with recordings: folders, bags or videos"),
         (["{there}/left/000.png", "{there}/right/000.png", "--calib", "{there}/calib.yaml", "--into", "{run}"], 2, "--into"),
+        (["{there}", "{back}", "{there}/../there"], 2, "there is named twice, expected each recording once"),
         (["{there}", "{none}"], 3, "is no folder"),
         (["{there}", "--into", "{run}"], 3, "there: is in the run already"),
         (["{back}", "--into", "{none}"], 3, "holds no config.yaml of a run"),
@@ -346,6 +347,14 @@ def test_what_is_typed_wrong_is_said_in_one_line(folders, copy, tmp_path, capsys
     places = {"there": folders / "there", "back": folders / "back", "run": copy, "none": tmp_path / "none"}
     found, line = complain(capsys, "run", *(word.format(**places) for word in words))
     assert (found, said in line) == (code, True), line
+
+
+def test_a_name_that_is_taken_is_said_before_the_work(folders, copy, capsys):
+    taken = copy.parent / ".run-before-joining"
+    taken.write_text("mine")
+    code, line = complain(capsys, "run", folders / "back", "--into", copy)
+    assert (code, "before-joining: is there; expected a free name" in line) == (3, True), line
+    assert sorted(path.name for path in copy.parent.iterdir()) == [taken.name, "run"]
 
 
 def test_left_and_right_folders_are_still_one_recording(folders, tmp_path, capsys):

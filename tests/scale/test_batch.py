@@ -90,6 +90,19 @@ def test_the_same_command_finds_all_of_it_there(capsys, place, batch, monkeypatc
     assert content(place / "runs" / "long") == before
 
 
+def test_true_poses_that_cannot_be_compared_degrade_the_batch_and_those_that_are_missing_are_said(
+    capsys, place, batch, monkeypatch, tmp_path
+):
+    monkeypatch.setattr("tspslam.scale.batch.connected", None)
+    (tmp_path / "list.txt").write_text("long gone.txt\n")
+    words = ["batch", str(place / "walks"), "--out", str(place / "runs"), "--eval", str(tmp_path / "list.txt")]
+    assert cli.exit_code(words) == cli.DEGRADED
+    out, err = capsys.readouterr()
+    assert out.startswith("2 recordings: 2 complete\n")
+    assert "warning: long: the path is not compared with the true one" in err
+    assert "no true poses are given of short" in err
+
+
 def test_a_finished_run_that_was_changed_is_not_taken_for_finished(place, batch, monkeypatch):
     class Begun(Exception):  # noqa: N818 - the batch would go on from here
         pass
@@ -107,6 +120,13 @@ def test_a_finished_run_that_was_changed_is_not_taken_for_finished(place, batch,
         run_batch([place / "walks"], place / "elsewhere")
     assert not (place / "elsewhere").exists()
     run_batch([place / "walks"], place / "runs")  # all is there again
+    held = [(place / "walks" / "long" / side / "008.png") for side in ("left", "right")]
+    for image in held:
+        image.rename(image.with_suffix(".held"))
+    with pytest.raises(Begun, match="1"):  # its recording has other frames than it
+        run_batch([place / "walks"], place / "runs")
+    for image in held:
+        image.with_suffix(".held").rename(image)
 
 
 def test_two_batches_in_one_folder_are_one_line(capsys, place, batch):
@@ -118,9 +138,9 @@ def test_two_batches_in_one_folder_are_one_line(capsys, place, batch):
     assert f"is in use by process {os.getpid()}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("out", ["walks/long", "walks", "runs/long"])
+@pytest.mark.parametrize("out", ["walks/long", "walks", "runs/long", "walks/long/left"])
 def test_a_folder_that_is_an_input_or_a_run_is_refused(place, batch, out):
-    with pytest.raises(InputError, match=r"is the input|holds the input|is a run folder"):
+    with pytest.raises(InputError, match=r"is the input|holds the input|is a run folder|lies in the"):
         run_batch([place / "walks"], place / out)
     assert not (place / out / "batch.json").exists()
 
@@ -129,6 +149,7 @@ def test_bad_input_alone_is_bad_input(capsys, place, tmp_path):
     assert cli.exit_code(["batch", str(place / "broken"), "--out", str(tmp_path / "runs"), "--json"]) == cli.BAD_INPUT
     out, err = capsys.readouterr()
     assert json.loads(out)["states"] == {"refused": 1}
+    assert json.loads(out)["names"] == {}  # its name is free again
     assert [json.loads(line).get("state") for line in err.splitlines()] == [None, "refused"]
 
 

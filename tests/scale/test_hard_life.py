@@ -49,6 +49,7 @@ def begun(*words, narrow=False):
     def limit():
         import resource
 
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # what a shell began behind itself does not hear ctrl-C
         if narrow:
             resource.setrlimit(resource.RLIMIT_FSIZE, (NARROW, NARROW))
 

@@ -26,6 +26,16 @@ def test_a_list_is_relative_to_itself_and_may_hold_comments_folders_and_twins(tm
     assert all(each.is_absolute() for each in found)
 
 
+def test_lines_that_no_disk_can_have_are_recordings_that_cannot_be_opened(tmp_path):
+    names = ["a", "~nobody-of-this-name/walk", "y" * 300]
+    hollow(tmp_path, "a")
+    (tmp_path / "list.txt").write_text("\n".join(names))
+    found = find_sources([tmp_path / "list.txt"])
+    assert found == [tmp_path / name for name in names]
+    assert all(each.error for each in open_recordings(found[1:], {}))
+    assert find_sources([tmp_path / names[2]]) == [tmp_path / names[2]]
+
+
 def test_a_folder_is_a_recording_or_holds_some_and_nothing_else_of_it_counts(tmp_path):
     hollow(tmp_path, "b", "a", ".hidden", "notes/deep")
     (tmp_path / "readme.txt").write_text("about them")

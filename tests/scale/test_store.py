@@ -86,6 +86,17 @@ def test_vertices_stand_by_image_and_each_takes_the_one_it_lies_deepest_in(tmp_p
     assert set(number[start[1] : start[2]].tolist()) == set(np.flatnonzero(best == 1).tolist())
 
 
+def test_a_text_ply_keeps_the_places_in_the_images(tmp_path):
+    rows = [(0, 0, 5, 1, 2), (1, 0, 5, 3, 4), (0, 1, 5, 5, 6.5)]
+    names = "".join(f"property double {name}\n" for name in "xyzuv")
+    head = f"ply\nformat ascii 1.0\nelement vertex 3\n{names}element face 1\n"
+    body = "\n".join(" ".join(map(str, row)) for row in rows)
+    (tmp_path / "a.ply").write_text(f"{head}property list uchar int vertex_indices\nend_header\n{body}\n3 0 1 2\n")
+    store = write_store(tmp_path / "a.zarr", of_file(tmp_path / "a.ply"))
+    number = store.read("id", 0, 3)
+    assert store.read("uv", 0, 3)[np.argsort(number)].tolist() == [[1, 2], [3, 4], [5, 6.5]]
+
+
 def test_a_ply_file_is_read_block_by_block_and_gives_what_arrays_give(tmp_path, monkeypatch):
     monkeypatch.setattr(sources, "BLOCK", 11)
     xyz, faces, uv = tangled(4, 100)
@@ -151,6 +162,25 @@ def pack(folder):
     group.create_array("id", data=values, chunks=(16,))
 
 
+def claim_much(folder, n=10**15):
+    edit(folder, lambda attributes: attributes.update(vertices=n, image_start=[n]))
+    for name in ("xyz", "id"):
+        path = folder / name / "zarr.json"
+        values = json.loads(path.read_text())
+        values["shape"][0] = n
+        path.write_text(json.dumps(values))
+
+
+def replace_numbers(folder, name, change):
+    """Other numbers, with a checksum that fits."""
+    import zarr
+
+    array = zarr.open_array(str(folder / name), mode="r+")
+    values = array[:]
+    change(values.reshape(-1))
+    array[:] = values
+
+
 def cut_chunk(folder):
     path = folder / "xyz" / "c.1.0"
     path.write_bytes(path.read_bytes()[:-1])
@@ -168,7 +198,10 @@ def cut_chunk(folder):
         (lambda folder: shutil.rmtree(folder / "face_rows"), "has no array face_rows"),
         (lambda folder: (folder / "zarr.json").unlink(), "is no Zarr group of version 3"),
         (lambda folder: (folder / "zarr.json").write_text("{"), "is no Zarr group of version 3"),
-        (lambda folder: (folder / "id" / "zarr.json").write_text("{"), "is no Zarr group of version 3"),
+        (lambda folder: (folder / "id" / "zarr.json").write_text("{"), "id: is no Zarr array of version 3"),
+        (lambda folder: (folder / "id" / "zarr.json").write_text("[]"), "id: is no Zarr array of version 3"),
+        (lambda folder: edit(folder, lambda told: told.update(chunk=8)), "in chunks of 16 rows; expected float64"),
+        (claim_much, r"c\.3\.0: is missing"),
         (pack, r"has the codecs \['bytes', 'zstd'\]; expected plain bytes with CRC-32C"),
     ],
 )
@@ -177,6 +210,44 @@ def test_a_store_that_is_not_whole_is_refused(tmp_path, spoil, said):
     store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces), chunk=16)
     spoil(store.path)
     with pytest.raises(InputError, match=said):
+        open_store(store.path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("face_rows", -1, r"face_rows: holds -1 to \d+; expected 0 to 39"),
+        ("face_rows", 41, r"face_rows: holds \d to 41; expected 0 to 39"),
+        ("face_id", 10**9, r"face_id: holds 0 to 1000000000; expected 0 to"),
+        ("face_end", 1, "face_end: has ends of chunks that do not rise"),
+        ("face_end", 10**9, "face_end: has ends of chunks that do not rise"),
+        ("id", -2, r"id: holds -2 to \d+; expected 0 to 39"),
+    ],
+)
+def test_numbers_that_lead_out_of_the_mesh_are_refused(tmp_path, name, value, said):
+    xyz, faces, uv = tangled(7)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=64)
+    replace_numbers(store.path, name, lambda values: values.__setitem__(-1, value))
+    with pytest.raises(InputError, match=said):
+        open_store(store.path).filter().read()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"path": 7}, {"relative": None}, {"path": "a\0b"}, {"origin": [1]}, {"origin": 3}, {"origin": ["x", 0]},
+        {"rig": 5}, {"rig": {"fx": 1}}, {"T_world_camera": [[1]], "rig": None}, {"origin": [float("nan"), 0]},
+    ],
+)  # fmt: skip
+def test_images_that_are_damaged_in_the_attributes_are_refused(tmp_path, change):
+    xyz, faces, uv = tangled(8)
+    references, _ = two_images(tmp_path)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, uv=uv, images=references), chunk=64)
+    edit(store.path, lambda attributes: attributes["images"][1].update(change))
+    with pytest.raises(InputError, match=r"a\.zarr: has an image 1 that is damaged"):
+        open_store(store.path)
+    edit(store.path, lambda attributes: attributes.update(images=["x", 3]))
+    with pytest.raises(InputError, match=r"a\.zarr: has an image 0 that is damaged"):
         open_store(store.path)
 
 

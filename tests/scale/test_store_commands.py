@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -96,13 +98,17 @@ def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
     [
         (["filter", "STORE", "--image", "a.png"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--merge-corners"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--surface", "crust"], 2, "goes with a mesh or a scan"),
+        (["filter", "STORE", "--polygons", "cells"], 2, "goes with a mesh or a scan"),
+        (["filter", "gone.zarr"], 3, "gone.zarr: is not there; expected a mesh, or a store"),
         (["filter", "a.ply", "--image", "a.png", "--calib", "c", "--workers", "2"], 2, "goes with a store"),
         (["filter", "a.ply"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),
         (["filter", "STORE", "--out", "x"], 2, "goes with --out"),
         (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected vtu or ply"),
+        (["filter", "STORE", "--to", "ply", "--out", "STORE/x"], 3, "lies in the store"),
         (["filter", "STORE", "--memory", "2 bananas"], 3, "memory is '2 bananas'"),
-        (["filter", "STORE", "--scheduler", "nowhere"], 3, "nowhere: no scheduler answers"),
+        (["filter", "STORE", "--scheduler", "nowhere"], 3, "nowhere: is no address of a scheduler"),
         (["filter", "."], 3, "is no Zarr group of version 3"),
         (["store", "gone.ply", "--out", "x.zarr"], 3, "gone.ply"),
         (
@@ -123,7 +129,7 @@ def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, cod
     (tmp_path / "none.txt").write_text("# nothing\n")
     if "STORE" in words:
         write_store(tmp_path / "s.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
-    got, out, err = typed(capsys, *["s.zarr" if word == "STORE" else word for word in words])
+    got, out, err = typed(capsys, *[word.replace("STORE", "s.zarr") for word in words])
     assert (got, out) == (code, "")
     assert said in err.replace("\n", " ")
     assert not (tmp_path / "x.zarr").exists()
@@ -171,3 +177,14 @@ def test_a_run_s_map_is_filtered_in_its_keyframes(tmp_path):
     assert both.sum() > 0.9 * map_.response.defined.sum()
     off = np.abs(response.z - map_.response.z)[both]
     assert np.median(off) < 1e-9  # a vertex that comes back by 1e-13 px beside the middle of a pixel has other lines
+
+
+def test_processes_say_nothing_of_their_own(tmp_path):
+    xyz, faces, uv = tangled(3)
+    write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=16)
+    words = [sys.executable, "-m", "tspslam", "filter", str(tmp_path / "a.zarr"), "--workers", "1"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, [line for line in done.stderr.splitlines() if "anny" in line or "cheduler" in line]) == (
+        0,
+        [],
+    )

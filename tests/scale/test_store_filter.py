@@ -1,5 +1,6 @@
 """The law of the store: filtered in tiles it is the whole, to the last bit."""
 
+import os
 import tempfile
 from pathlib import Path
 
@@ -155,6 +156,32 @@ def test_vertices_of_a_missing_image_have_no_response_until_it_is_there(tmp_path
     assert np.array_equal(response.read().z[image == 0], truth[0][image == 0])
     (tmp_path / "away.png").rename(tmp_path / "1.png")
     assert same_bits(store.filter().read(), *truth)
+
+
+@pytest.mark.parametrize("file", ["complete.json", "done/0-40.json"])
+@pytest.mark.parametrize("content", ["{", "{}", "[]", '{"options": 3, "missing": [7]}'])
+def test_what_is_kept_about_a_response_and_was_damaged_is_made_anew(tmp_path, file, content):
+    xyz, faces, uv = tangled(5)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=64)
+    response = store.filter()
+    before = response.read().z.tobytes()
+    (store.path / "responses" / response.name / file).write_text(content)
+    again = store.filter()
+    assert (again.read().z.tobytes(), again.summary["tiles"]) == (before, 1)
+
+
+def test_vertices_of_an_image_that_was_changed_are_filtered_anew(tmp_path):
+    xyz, faces, uv = tangled(4, 80)
+    references, pixels = two_images(tmp_path)
+    image = (uv[:, 0] > 30).astype(int)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, uv=uv, image=image, images=references), chunk=16)
+    store.filter(tile=16)
+    pixels[1] = picture(5, tmp_path / "1.png", pixels[1].shape)
+    os.utime(tmp_path / "1.png", (1, 1))
+    steps = []
+    again = store.filter(tile=16, on_tile=lambda *counts: steps.append(counts))
+    assert same_bits(again.read(), *whole(xyz, faces, uv, image, references, pixels))
+    assert 0 < len(steps) < 5  # those of the other image alone are there
 
 
 def test_what_cannot_be_filtered_is_refused_in_a_line(tmp_path):

@@ -81,7 +81,21 @@ def test_truths_are_found_by_name_in_a_folder_or_a_list(tmp_path):
     assert find_truths(tmp_path / "list", ["a", "a b"]) == {"a": tmp_path / "a.txt", "a b": tmp_path / "b.csv"}
 
 
-@pytest.mark.parametrize("place", ["", "gone", "empty.txt"])
+@pytest.mark.parametrize(
+    ("line", "said"), [("a b.txt", "line 2 names a again"), ("b", "line 2 has no path")]
+)  # fmt: skip
+def test_a_list_of_truths_that_can_be_read_in_two_ways_is_refused(tmp_path, line, said):
+    (tmp_path / "list").write_text(f"a a.txt\n{line}\n")
+    with pytest.raises(InputError, match=said):
+        find_truths(tmp_path / "list", ["a", "b"])
+
+
+def test_a_truth_in_a_home_that_is_not_known_is_not_there(tmp_path):
+    (tmp_path / "list").write_text("a ~nobody-of-this-name/a.txt\n")
+    assert find_truths(tmp_path / "list", ["a"]) == {"a": tmp_path / "~nobody-of-this-name/a.txt"}
+
+
+@pytest.mark.parametrize("place", ["", "y" * 300, "gone", "empty.txt"])
 def test_truths_of_none_of_the_recordings_are_refused(tmp_path, place):
     (tmp_path / "empty.txt").write_text("")
     with pytest.raises(InputError, match=r"expected a folder with NAME\.txt"):

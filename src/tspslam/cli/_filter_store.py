@@ -22,12 +22,16 @@ def filter_a_store(
     where: tuple[int, str | None, str], as_json: bool,
 ) -> None:  # fmt: skip
     """Filter a store, tile by tile, and write a file a tile if that is asked for."""
+    from .._files import bad_input
+    from ..run.guard import is_inside
     from ..scale.stores.store import open_store
     from ..scale.stores.tile_files import KINDS, write_tiles
 
     if (out is None) != (to is None) or (to is not None and to not in KINDS):
         raise typer.BadParameter(f"goes with --out, expected {' or '.join(KINDS)}", param_hint="--to")
     opened = open_store(path, images=images)
+    if out is not None and is_inside(out, path):
+        raise bad_input(out, f"lies in the store {path}", "a folder outside (--out)")
     try:
         response = _filtered(opened, mode, where, as_json)
     except KeyboardInterrupt as stop:
@@ -64,7 +68,7 @@ def _filtered(
 
     (order, centering), (workers, scheduler, memory) = mode, where
     chosen: Any = centering
-    with progress(as_json) as on_step, connected(scheduler) as client:
+    with progress(as_json) as on_step, connected(scheduler, store.path) as client:
         on_step(Step("filter", 0, store.n))
         return store.filter(
             order=order, centering=chosen, memory=memory, workers=workers, client=client,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -94,6 +95,10 @@ def _open_images(given: Given, on_index: Callable[[int, int], object] | None) ->
     paths = given.paths
     if are_recordings(paths):
         given.refuse("frames")
+        places = [os.path.realpath(path) for path in paths]
+        again = next((path for k, path in enumerate(paths) if places[k] in places[:k]), None)
+        if again is not None:
+            raise typer.BadParameter(f"{again} is named twice, expected each recording once", param_hint="SOURCE")
         recordings = [_open_sequence(replace(given, paths=[path]), on_index) for path in paths]
         return datasets.JoinedSequence(recordings)
     if len(paths) == 1 or are_parts(paths):

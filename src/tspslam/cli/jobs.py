@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._files import bad_input
 from ..errors import InputError
 from ..printing import note, remarks_as_json
 from ._filter_store import filter_a_store, refuse_options
@@ -158,12 +160,17 @@ def filter_command(
     from ..topology.harmonic import Tmahf
 
     if mesh is not None and cloud is None and mesh.is_dir():
-        refuse_options(image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None)
+        refuse_options(
+            image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None,
+            surface=surface if surface != "range" else None, polygons=polygons if polygons != "fan" else None,
+        )  # fmt: skip
         filter_a_store(
             mesh, (order, centering), images=images, out=out, to=to, where=(workers, scheduler, memory), as_json=as_json
         )  # fmt: skip
         return
     refuse_options(images=images, workers=workers or None, scheduler=scheduler, to=to, what="a store")
+    if mesh is not None and not os.path.lexists(mesh):
+        raise bad_input(mesh, "is not there", "a mesh, or a store: tspslam store makes one")
     if image is None or calib is None:
         raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
     stage = Tmahf(order, centering)  # type: ignore[arg-type]

@@ -78,7 +78,7 @@ def batch_command(
     if result.lost:
         left = sum(row.state == "unfinished" for row in result.rows)
         note(f"tspslam: {result.lost}: {left} recordings are not finished; the same command goes on with them")
-    code = _code_of(result.rows)
+    code = _code_of(result.rows) or (DEGRADED if result.unmeasured else COMPLETE)
     if code != COMPLETE:
         raise typer.Exit(code)
 

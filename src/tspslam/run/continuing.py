@@ -77,6 +77,8 @@ def run_into(
     place = Path(folder).resolve()
     work, before = place.with_name(f"{place.name}-joining"), place.with_name(f".{place.name}-before-joining")
     _recover(place, work, before)
+    if os.path.lexists(before):
+        raise bad_input(before, "is there", "a free name, for the run while its results change places")
     stored = load_run(place)
     lock = FolderLock(place)
     try:
@@ -234,8 +236,6 @@ def _recover(place: Path, work: Path, before: Path) -> None:
 
 def _take_place(place: Path, work: Path, before: Path) -> None:
     """Put the new run in the place of the old one, which goes; what else lay in that folder stays in it."""
-    if before.exists():
-        raise bad_input(before, "is there", "a free name, for the run while its results change places")
     _rename(place, before)
     _rename(work, place)
     _clear(before, place)

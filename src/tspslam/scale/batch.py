@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 from .._atomic import bad_output, make_folder
 from .._checks import require_path
 from .._files import PathLike, one_line
+from ..datasets.layouts import is_known
 from ..errors import InputError, OutputError
 from ..io._config import plain
 from ..io._settling import is_run_folder, unmake
 from ..io.lock import FolderLock
 from ..run.config import Resolved, as_resolved
-from ..run.guard import check_folder
+from ..run.guard import check_folder, is_inside
 from ..settings import Settings
 from .cluster import Workers, connected, require_dask
 from .dispatching import Dispatcher, SchedulerLostError
@@ -77,12 +78,15 @@ class BatchResult:
         The content of ``batch.json``.
     lost : str
         Why the batch ended before it was through; empty if it was.
+    unmeasured : tuple of str
+        Names of finished runs whose true poses were given and could not be compared; their warnings say why.
     """
 
     folder: Path
     rows: list[Row]
     described: dict[str, Any]
     lost: str = ""
+    unmeasured: tuple[str, ...] = ()
 
 
 def run_batch(
@@ -118,8 +122,8 @@ def run_batch(
     Raises
     ------
     InputError
-        If Dask is not there, nothing is named, no scheduler or worker that fits is there, or `out` is an input, a run
-        folder, or used by another batch.
+        If Dask is not there, nothing is named, no scheduler or worker that fits is there, or `out` is an input, lies
+        in a recording, is a run folder, or is used by another batch.
     OutputError
         If the folder or its summary cannot be written. A run that cannot be written is a row that says so.
     """
@@ -128,6 +132,9 @@ def run_batch(
     resolved = as_resolved(Settings() if settings is None else settings)
     runs, found = Path(os.path.abspath(out)), find_sources(sources)
     check_folder(runs, found)
+    within = next((each for each in found if is_known(each) and is_inside(runs, each)), None)
+    if within is not None:
+        raise InputError(one_line(f"{out}: lies in the recording {within}; expected a folder outside (--out)"))
     if is_run_folder(runs):
         raise InputError(one_line(f"{out}: is a run folder, expected a folder for several of them (--out)"))
     with _held(runs):
@@ -154,7 +161,8 @@ class _Batch:
         self._runs, self._resolved, self._on_event = runs, resolved, on_event
         names = read_names(runs)
         self._recordings = open_recordings(found, names)
-        self._names = names | {str(each.source): each.name for each in self._recordings}
+        kept = [each for each in self._recordings if not each.error or os.path.lexists(runs / each.name)]
+        self._names = names | {str(each.source): each.name for each in kept}
         self._truths: Truths = {}
         if truths is not None:
             self._truths = find_truths(truths, [each.name for each in self._recordings])
@@ -169,7 +177,9 @@ class _Batch:
         folder = self._runs / recording.name
         with contextlib.suppress(InputError):  # then it is not finished
             if is_known and settings_of(folder) == self._config_of(recording):
-                return self._measured(replace(row, how="there", **found_of(folder)))
+                found = found_of(folder)
+                if found["frames"] == recording.frames or recording.source.is_file():  # a video may end before it says
+                    return self._measured(replace(row, how="there", **found))
         return row
 
     def _config_of(self, recording: Recording) -> Any:
@@ -185,7 +195,9 @@ class _Batch:
         for row in refused:
             self._on_event(Event("row", row=row))
         lost = self._run_left(longest_first(left), workers) if left else ""
-        return BatchResult(self._runs, list(self._rows.values()), self._write(), lost)
+        rows = list(self._rows.values())
+        unmeasured = [row.name for row in rows if row.is_finished and row.name in self._truths and not row.evaluation]
+        return BatchResult(self._runs, rows, self._write(), lost, tuple(unmeasured))
 
     def _say_begin(self, left: Sequence[Recording]) -> str:
         there = sum(row.how == "there" for row in self._rows.values())
@@ -193,6 +205,8 @@ class _Batch:
         said = [f"{count} recording{'' if count == 1 else 's'}"]
         said += [f"{there} finished already"] if there else []
         renamed = [each for each in left if each.name != each.sequence]
+        untold = [name for name, row in self._rows.items() if name not in self._truths and not row.error]
+        said += [f"no true poses are given of {', '.join(untold)}"] if self._truths and untold else []
         said += [f"{each.source} goes to {each.name}, as another has its name" for each in renamed]
         return "; ".join(said)
 
@@ -260,6 +274,7 @@ class _Batch:
             return replace(row, evaluation=errors_of(measure(self._runs / row.name, truth)))
         except InputError as error:
             said = f"the path is not compared with the true one ({error})"
+            self._on_event(Event("note", f"warning: {row.name}: {said}"))
             return replace(row, evaluation=None, warnings=[*row.warnings, said])
 
     def _write(self, *, has_page: bool = True) -> dict[str, Any]:

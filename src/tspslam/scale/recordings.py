@@ -75,7 +75,7 @@ def find_sources(given: Iterable[PathLike]) -> list[Path]:
     """
     found: dict[str, Path] = {}
     for path in map(Path, given):
-        for source in _expanded(path, is_list=path.is_file() and not is_known(path)):
+        for source in _expanded(path, is_list=os.path.isfile(path) and not is_known(path)):
             found.setdefault(os.path.realpath(source), Path(os.path.abspath(source)))
     if not found:
         raise InputError(one_line(f"{', '.join(map(str, given))}: names no recording, expected {_LIST}"))
@@ -88,11 +88,29 @@ def _expanded(path: Path, *, is_list: bool) -> Iterator[Path]:
         for _, line in read_lines(path, _LIST, _LARGEST_LIST):
             words = line.partition(" #")[0].strip()
             if words:
-                yield from _expanded(path.parent / Path(words).expanduser(), is_list=False)
-    elif path.is_dir() and not is_known(path):
+                yield from _expanded(path_in(path, words), is_list=False)
+    elif os.path.isdir(path) and not is_known(path):
         yield from _children(path) or [path]
     else:
         yield path
+
+
+def path_in(listing: Path, words: str) -> Path:
+    """The path that a line of a list names: relative to the list, or from a home that is there.
+
+    Parameters
+    ----------
+    listing : path
+        The list.
+    words : str
+        Of the line.
+
+    Returns
+    -------
+    Path
+        Of a user who is not known as it stands: opening it says that it is not there.
+    """
+    return listing.parent / os.path.expanduser(words)
 
 
 def _children(folder: Path) -> list[Path]:

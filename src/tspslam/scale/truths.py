@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from .._files import PathLike, one_line
+from .._files import PathLike, bad_input, one_line
 from .._text import read_lines
 from ..errors import InputError
 from ..run.evaluate import describe_errors, evaluated
+from .recordings import path_in
 
 Truths = dict[str, Path]
 """Files or folders with true poses, by the name of the recording."""
@@ -36,7 +38,7 @@ def find_truths(place: PathLike, names: Collection[str]) -> Truths:
     Raises
     ------
     InputError
-        If it is neither, or there is none for any of the names.
+        If it is neither, there is none for any of the names, or a list has one twice or without a path.
 
     Examples
     --------
@@ -47,7 +49,7 @@ def find_truths(place: PathLike, names: Collection[str]) -> Truths:
     [('drive', 'drive.txt')]
     """
     path = Path(place)
-    found = _listed(path, names) if path.is_file() else _in_folder(path, names)
+    found = _listed(path, names) if os.path.isfile(path) else _in_folder(path, names)
     if not found:
         some = ", ".join(sorted(names)[:4])
         raise InputError(one_line(f"{path}: has no true poses of {some}; expected {_EXPECTED}"))
@@ -55,19 +57,22 @@ def find_truths(place: PathLike, names: Collection[str]) -> Truths:
 
 
 def _in_folder(folder: Path, names: Collection[str]) -> Truths:
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(one_line(f"{folder}: is not there; expected {_EXPECTED}"))
     places = {name: [folder / f"{name}{suffix}" for suffix in _SUFFIXES] for name in names}
-    found = {name: next((each for each in tried if each.exists()), None) for name, tried in places.items()}
+    found = {name: next((each for each in tried if os.path.exists(each)), None) for name, tried in places.items()}
     return {name: each for name, each in found.items() if each is not None}
 
 
 def _listed(path: Path, names: Collection[str]) -> Truths:
     found: Truths = {}
-    for _, line in read_lines(path, _EXPECTED):
-        name = max((each for each in names if line.startswith((f"{each} ", f"{each}\t"))), key=len, default=None)
+    for number, line in read_lines(path, _EXPECTED):
+        name = max((each for each in names if f"{line} ".startswith((f"{each} ", f"{each}\t"))), key=len, default=None)
         if name is not None:
-            found[name] = path.parent / Path(line[len(name) :].strip()).expanduser()
+            if name in found or name == line:
+                said = f"line {number} names {name} again" if name in found else f"line {number} has no path"
+                raise bad_input(path, said, _EXPECTED)
+            found[name] = path_in(path, line[len(name) :].strip())
     return found
 
 

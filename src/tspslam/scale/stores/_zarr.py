@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +44,13 @@ def create(group: Any, name: str, shape: tuple[int, ...], dtype: DTypeLike, rows
 
 
 def opened(path: Path, name: str, mode: str) -> Any:
-    """Open an array; a chunk of zeros is a file too."""
+    """Open an array, whose description may be damaged; a chunk of zeros is a file too."""
     module = zarr()
-    with module.config.set({"array.write_empty_chunks": True}):
-        return module.open_array(str(path / name), mode=mode, zarr_format=3)
+    try:
+        with module.config.set({"array.write_empty_chunks": True}):
+            return module.open_array(str(path / name), mode=mode, zarr_format=3)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise bad_input(path / name, f"is no Zarr array of version 3 ({reason_of(error)})", EXPECTED) from error
 
 
 def read(array: Any, first: int, last: int) -> NDArray[Any]:
@@ -99,16 +103,16 @@ def folder_of(array: Any) -> Path:
     return Path(array.store.root) / array.path
 
 
-def chunk_files(array: Any, first: int, last: int) -> list[str]:
-    """Names of the files that rows `first` to `last` stand in."""
+def chunk_files(array: Any, first: int, last: int) -> Iterator[str]:
+    """Names of the files that rows `first` to `last` stand in, one by one: a damaged store may claim any number."""
     rows = array.chunks[0]
     tail = ".0" * (array.ndim - 1)
-    return [f"c.{k}{tail}" for k in range(first // rows, -(-last // rows))]
+    return (f"c.{k}{tail}" for k in range(first // rows, -(-last // rows)))
 
 
 def are_whole(array: Any, first: int, last: int) -> bool:
     """Whether the files of rows `first` to `last` are there, of the size that they must have."""
-    paths = [folder_of(array) / name for name in chunk_files(array, first, last)]
+    paths = (folder_of(array) / name for name in chunk_files(array, first, last))
     return all(path.is_file() and path.stat().st_size == _size(array) for path in paths)
 
 

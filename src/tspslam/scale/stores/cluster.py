@@ -10,15 +10,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..._files import reason_of
 from ...errors import InputError
-from ..cluster import quiet, require_dask
+from ..cluster import quiet, require_dask, running_cluster
 from .mesh import StoredMesh, open_mesh
 
 Run = tuple[int, int]
 Work = Callable[[int, int, int], dict[str, Any]]
 _MOST_WORKERS = 1024
-_PATIENCE = 10.0  # s for a scheduler to answer
 _MOST_DEATHS = 8  # of workers over one run: its tiles are then 1/128 of what they were
 
 
@@ -63,13 +61,15 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def connected(address: str | None) -> Iterator[Any]:
+def connected(address: str | None, store: Path) -> Iterator[Any]:
     """Give a client of a scheduler that runs already.
 
     Parameters
     ----------
     address : str or None
         Such as ``tcp://10.0.0.1:8786``; None gives None.
+    store : Path
+        What its workers have to see.
 
     Yields
     ------
@@ -78,7 +78,8 @@ def connected(address: str | None) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If dask is not installed, or nobody answers within ten seconds.
+        If dask is not installed, nobody answers within ten seconds, or there is no worker, one that does not see the
+        store, or one of other versions.
     """
     if address is None:
         yield None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -10,7 +11,17 @@ from ..._files import bad_input
 from ...io.lock import FolderLock
 from . import cluster
 from .mesh import StoredMesh
-from .stored_response import StoredResponse, begin, finish, open_response, runs_done, store_answer, sweep
+from .stored_response import (
+    StoredResponse,
+    begin,
+    finish,
+    is_complete,
+    open_response,
+    runs_done,
+    stamps_of,
+    store_answer,
+    sweep,
+)
 from .tiled_filter import Options, filter_rows
 from .tiles import checked_tile, runs_to_do, tile_for
 
@@ -68,7 +79,7 @@ def filter_mesh(
     try:
         done = runs_done(store, options.name)
         runs = runs_to_do(store.n, store.chunk, size, done)
-        if runs or not (folder / "complete.json").exists():
+        if runs or not is_complete(folder):
             sweep(folder)
             finished = sum(last - first for first, last in done)
             for row, (first, last) in _run(store, options, runs, size, place):
@@ -88,7 +99,7 @@ def _check(store: StoredMesh) -> None:
         raise bad_input(store.path, "has no faces, so that no vertex has neighbours", "a mesh")
     if not store.images and "luminance" not in store.arrays:
         raise bad_input(store.path, "has neither images nor luminance", "one of them")
-    if store.images and not any(path.exists() for path in store.image_paths):
+    if store.images and not any(map(os.path.exists, store.image_paths)):
         said = f"none of its {len(store.images)} images is there, such as {store.image_paths[0]}"
         raise bad_input(store.path, said, "images where they were, or their folder now (--images, images=)")
 
@@ -141,9 +152,9 @@ def filter_run(
         If the responses cannot be written.
     """
     opened = store if isinstance(store, StoredMesh) else cluster.kept_store(*store)
-    chosen = Options.of(options)
+    chosen, stamps = Options.of(options), stamps_of(opened, first, last)
     answer = filter_rows(opened, chosen, first, last, tile)
-    told = {"peak_bytes": peak_bytes(), "tile": tile}
+    told = {"peak_bytes": peak_bytes(), "tile": tile, "images": stamps}
     store_answer(opened, chosen.name, first, answer, told)
     return told | {"defined": int(answer.defined.sum()), "missing": list(answer.missing)}
 

@@ -134,7 +134,7 @@ class ImageReference(Brief):
         """
         from ...io import read_frame, read_image
 
-        if not path.exists():
+        if not os.path.exists(path):
             return None
         pixels: NDArray[Any] | None = read_frame(path).image if path.suffix.lower() == ".npz" else read_image(path)
         if pixels is not None and self.rig is not None and pixels.shape[:2] != (self.rig.height, self.rig.width):

@@ -26,6 +26,7 @@ CHUNK = 1 << 16
 _LARGEST_CHUNK = 1 << 24
 _COLUMNS = {"xyz": (np.dtype("f8"), (3,)), "id": (np.dtype("i8"), ()), "uv": (np.dtype("f8"), (2,)),
             "luminance": (np.dtype("f8"), ())}  # fmt: skip
+_FACES = "face_rows", "face_id", "face_end"
 
 
 def checked_chunk(chunk: int) -> int:
@@ -84,7 +85,11 @@ class StoredMesh(Brief):
     @cached_property
     def face_end(self) -> NDArray[np.int64]:
         """Where the faces of each chunk end, (chunks,) int64; they begin where those of the one before end."""
-        return self.read("face_end", 0, self.arrays["face_end"].shape[0])
+        ends = self.read("face_end", 0, self.arrays["face_end"].shape[0])
+        if (np.diff(ends, prepend=0) < 0).any() or ends[-1] != self.arrays["face_rows"].shape[0]:
+            said = "has ends of chunks that do not rise to the number of faces"
+            raise bad_input(self.path / "face_end", said, _zarr.EXPECTED)
+        return ends
 
     def read(self, column: str, first: int, last: int) -> NDArray[Any]:
         """Rows of a column.
@@ -109,7 +114,11 @@ class StoredMesh(Brief):
             raise InputError(f"{self.path}: has no column {column!r:.40}, expected one of {', '.join(self.arrays)}")
         if not 0 <= first <= last <= self.arrays[column].shape[0]:
             raise InputError(f"{self.path}: rows are {first} to {last}, expected 0 to {self.arrays[column].shape[0]}")
-        return _zarr.read(self.arrays[column], first, last)
+        values = _zarr.read(self.arrays[column], first, last)
+        limit = {"id": self.n, "face_rows": self.n, "face_id": self.n_faces}.get(column)
+        if limit is not None and values.size and not 0 <= values.min() <= values.max() < limit:
+            raise bad_input(self.path / column, f"holds {values.min()} to {values.max()}", f"0 to {limit - 1}")
+        return values
 
 
 def open_mesh(path: PathLike, *, images: PathLike | None = None) -> StoredMesh:
@@ -147,14 +156,14 @@ def open_mesh(path: PathLike, *, images: PathLike | None = None) -> StoredMesh:
     try:
         group = zarr.open_group(str(folder), mode="r", zarr_format=3)
         attributes = dict(group.attrs)
-        arrays = dict(group.arrays())
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise bad_input(path, f"is no Zarr group of version 3 ({reason_of(error)})", _zarr.EXPECTED) from error
     _check_version(folder, attributes)
+    arrays = {name: _zarr.opened(folder, name, "r") for name in (*_COLUMNS, *_FACES) if (folder / name).exists()}
     found = _parts(folder, attributes)
     _check_arrays(folder, arrays, *found)
     n, n_faces, chunk, start = found
-    references = tuple(from_json(each) for each in attributes["images"])
+    references = tuple(_reference(folder, k, each) for k, each in enumerate(attributes["images"]))
     moved = None if images is None else os.path.abspath(images)
     places = tuple(_place(folder, each, images) for each in attributes["images"])
     return StoredMesh(folder, n, n_faces, chunk, references, places, np.array(start, np.int64), arrays, moved)
@@ -196,17 +205,28 @@ def _check_arrays(folder: Path, arrays: Mapping[str, Any], n: int, n_faces: int,
             raise bad_input(folder, f"has no array {name}", _zarr.EXPECTED)
         array = arrays[name]
         if array.dtype != dtype or array.shape != shape or array.chunks[0] != rows:
-            raise bad_input(folder / name, f"is {array.dtype} of shape {array.shape}", f"{dtype} of shape {shape}")
+            said = f"is {array.dtype} of shape {array.shape} in chunks of {array.chunks[0]} rows"
+            raise bad_input(folder / name, said, f"{dtype} of shape {shape} in chunks of {rows}")
         _zarr.check_whole(array)
     if not n_faces <= copies <= 3 * n_faces:
         raise bad_input(folder, f"has {copies} rows of faces for {n_faces} faces", _zarr.EXPECTED)
+
+
+def _reference(folder: Path, k: int, told: Any) -> ImageReference:
+    """Image k of a store, as its attributes describe it."""
+    try:
+        if not all(isinstance(told[name], str) and "\0" not in told[name] for name in ("path", "relative")):
+            raise TypeError("its path is no text")
+        return from_json(told)
+    except (InputError, KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+        raise bad_input(folder, f"has an image {k} that is damaged ({reason_of(error)})", _zarr.EXPECTED) from error
 
 
 def _place(folder: Path, image: dict[str, Any], images: PathLike | None) -> Path:
     if images is not None:
         return Path(images) / Path(image["path"]).name
     relative = folder / image["relative"]
-    return relative if relative.exists() else Path(image["path"])
+    return relative if os.path.exists(relative) else Path(image["path"])
 
 
 def row_type(n: int) -> np.dtype[Any]:

@@ -15,7 +15,7 @@ from ..._brief import Brief, brief
 from ..._checks import real_array
 from ..._files import PathLike, bad_input, open_input
 from ...errors import InputError
-from ...io import load_map, load_run, read_mesh, read_textured
+from ...io import load_map, load_run, read_mesh, read_ply, read_textured
 from ...io._las_points import parse_header as parse_las
 from ...io._ply_header import LARGEST_HEADER, Element, parse_header
 from ...io.las import _module
@@ -174,6 +174,10 @@ def _mapped(path: Path) -> NDArray[Any]:
 
 
 def _of_mesh(path: Path, images: tuple[ImageReference, ...]) -> Source:
+    uv: FloatArray | None = None
+    if path.suffix.lower() == ".ply":
+        columns = read_ply(path).vertex
+        uv = np.stack([columns["u"], columns["v"]], axis=1, dtype=np.float64) if {"u", "v"} <= set(columns) else None
     if path.suffix.lower() in (".ply", ".vtu"):
         mesh = read_textured(path)
         ok = mesh.signals.vertex_ok
@@ -181,7 +185,7 @@ def _of_mesh(path: Path, images: tuple[ImageReference, ...]) -> Source:
         xyz, faces = mesh.xyz, mesh.faces
     else:
         (xyz, faces), own = read_mesh(path), None
-    found = of_arrays(xyz, faces, luminance=None if images else own, images=images)
+    found = of_arrays(xyz, faces, uv=uv, luminance=None if images else own, images=images)
     return Source(found.vertices, found.faces, images, str(path))
 
 

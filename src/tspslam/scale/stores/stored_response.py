@@ -27,6 +27,7 @@ LARGEST_WHOLE = 1 << 32
 """Bytes of responses that are still read as a whole."""
 
 _FOLDER, _DONE, _COMPLETE = "responses", "done", "complete.json"
+_TOLD = "defined", "missing", "peak_bytes", "tile"  # of a run, in the summary
 _EXPECTED = "a response that was finished: the same filter again finishes it"
 
 
@@ -143,19 +144,41 @@ def open_response(store: StoredMesh, name: str) -> StoredResponse:
         had = ", ".join(names_of(store.path)) or "none"
         raise bad_input(store.path, f"has no response {name!r:.60}", f"one that is there: {had}")
     try:
-        found = json.loads((folder / _COMPLETE).read_bytes())
-        options = Options.of(found["options"])
-        summary = found["summary"]
+        options, summary = _read_complete(folder)
         z, flags = (_zarr.opened(folder, each, "r") for each in ("z", "defined"))
     except FileNotFoundError as error:
         raise bad_input(folder, "was not finished", _EXPECTED) from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise bad_input(folder, f"is damaged ({reason_of(error)})", _EXPECTED) from error
     for array, dtype in ((z, np.complex128), (flags, np.bool_)):
         if array.dtype != dtype or array.shape != (store.n,) or array.chunks != (store.chunk,):
             raise bad_input(folder, f"has {array.dtype} of shape {array.shape}", f"({store.n},), as the store")
         _zarr.check_whole(array)
     return StoredResponse(store, name, options, summary, z, flags)
+
+
+def _read_complete(folder: Path) -> tuple[Options, dict[str, Any]]:
+    found = json.loads((folder / _COMPLETE).read_bytes())
+    return Options.of(found["options"]), {name: found["summary"][name] for name in (*_TOLD[:3], "tiles", "split")}
+
+
+def is_complete(folder: Path) -> bool:
+    """Tell whether responses are said to be whole, in a file that can be read.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the responses.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        _read_complete(folder)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return False
+    return True
 
 
 def folder_of(store: StoredMesh, name: str) -> Path:
@@ -256,7 +279,7 @@ def store_answer(store: StoredMesh, name: str, first: int, answer: Answer, told:
 def runs_done(store: StoredMesh, name: str) -> dict[tuple[int, int], dict[str, Any]]:
     """Runs that are finished and whose files are there, and what is kept about each.
 
-    Not those whose images were missing and are there now.
+    Not those whose images were missing and are there now, or are other files by size or time of change.
 
     Parameters
     ----------
@@ -273,12 +296,37 @@ def runs_done(store: StoredMesh, name: str) -> dict[tuple[int, int], dict[str, A
     found, folder = {}, folder_of(store, name)
     arrays = [_zarr.opened(folder, each, "r") for each in ("z", "defined")]
     for path in sorted((folder / _DONE).glob("*-*.json")):
-        with suppress(ValueError, KeyError, TypeError, OSError):
+        with suppress(ValueError, KeyError, TypeError, IndexError, AttributeError, OSError):
             first, last = map(int, path.stem.split("-"))
             row = json.loads(path.read_bytes())
             is_whole = all(_zarr.are_whole(array, first, last) for array in arrays)
-            if is_whole and not any(store.image_paths[k].exists() for k in row["missing"]):
-                found[first, last] = row
+            now = stamps_of(store, first, last)
+            if is_whole and all(row["images"][k] == stamp for k, stamp in now.items()):
+                found[first, last] = {name: row[name] for name in _TOLD}
+    return found
+
+
+def stamps_of(store: StoredMesh, first: int, last: int) -> dict[str, list[int]]:
+    """Size, bytes, and time of change, ns, of the images of a run that are there: with them its responses change.
+
+    Parameters
+    ----------
+    store : StoredMesh
+        The store.
+    first, last : int
+        Rows.
+
+    Returns
+    -------
+    dict
+        By the image's number, as text.
+    """
+    seen = np.flatnonzero((store.image_start[:-1] < last) & (store.image_start[1:] > first))
+    found = {}
+    for k in seen.tolist():
+        with suppress(OSError, ValueError):
+            status = store.image_paths[k].stat()
+            found[str(k)] = [status.st_size, status.st_mtime_ns]
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -126,5 +127,5 @@ def _area(image: ImageReference, path: Path) -> int:
     """Pixels of an image; 0 where it is not there."""
     if image.rig is not None:
         return image.rig.width * image.rig.height
-    width, height = image_size(path) if path.exists() else (0, 0)
+    width, height = image_size(path) if os.path.exists(path) else (0, 0)
     return width * height
