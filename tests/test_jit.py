@@ -1,7 +1,7 @@
 import collections
+import hashlib
 import json
 import logging
-import hashlib
 import os
 import subprocess
 import sys

@@ -85,14 +85,8 @@ def connected(address: str | None, store: Path) -> Iterator[Any]:
         yield None
         return
     require_dask()
-    with quiet():
-        distributed = _module("distributed")
-        try:
-            client = distributed.Client(address, timeout=_PATIENCE)
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(f"{address}: no scheduler answers ({reason_of(error)}), expected one of Dask") from error
-        with client:
-            yield client
+    with running_cluster(address, [str(store.resolve())]) as client:
+        yield client
 
 
 def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tuple[dict[str, Any], Run]]:
