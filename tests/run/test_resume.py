@@ -179,7 +179,7 @@ def test_numbers_of_a_frame_that_are_gone_come_back(folder, whole, tmp_path):
 
 def test_a_checkpoint_of_another_version_does_not_count(folder, whole, tmp_path, monkeypatch):
     shutil.copytree(whole, tmp_path / "run")
-    monkeypatch.setattr("tspslam.run.sequence._MADE_BY", b"another")
+    monkeypatch.setattr("tspslam.run.sequence.MADE_BY", b"another")
     seen = []
     run(open_sequence(folder), tmp_path / "run", resolve(assignments=SETTINGS), progress=lambda *a: seen.append(a))
     assert len(seen) == len(open_sequence(folder))
