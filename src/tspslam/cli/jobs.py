@@ -169,12 +169,13 @@ def filter_command(
         )  # fmt: skip
         return
     refuse_options(images=images, workers=workers or None, scheduler=scheduler, to=to, what="a store")
-    if mesh is not None and not os.path.lexists(mesh):
-        raise bad_input(mesh, "is not there", "a mesh, or a store: tspslam store makes one")
-    if image is None or calib is None:
+    is_there = mesh is None or os.path.lexists(mesh)
+    if is_there and (image is None or calib is None):
         raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
     stage = Tmahf(order, centering)  # type: ignore[arg-type]
     given = _one_of(mesh, cloud, extrinsics, surface, merge, polygons)
+    if image is None or calib is None or not is_there:
+        raise bad_input(given, "is not there", "a mesh, or a store: tspslam store makes one")
     parts = ["-merged"] * merge + [f"-{polygons}"] * (polygons != "fan")
     target = out or Path("runs") / f"{given.stem}-filter{''.join(parts)}"
     check_folder(target, given, image, calib, extrinsics)
