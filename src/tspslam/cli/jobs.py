@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .._files import bad_input
 from ..errors import InputError
 from ..printing import note, remarks_as_json
 from ._filter_store import filter_a_store, refuse_options
@@ -154,6 +153,7 @@ def filter_command(
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""
+    from .._files import bad_input
     from ..run.mesh import filter_mesh
     from ..run.pipeline import Step
     from ..run.scan import filter_scan
