@@ -147,7 +147,7 @@ def marginal_covariance(T_world: FloatArray, edges: PoseEdges, place: int) -> Fl
     --------
     >>> line, i = np.tile(np.eye(4), (3, 1, 1)), np.array([0, 1])
     >>> step = PoseEdges(i, i + 1, line[:2], np.tile(np.eye(6), (2, 1, 1)))
-    >>> marginal_covariance(line, step, 2)[3, 3]
+    >>> float(marginal_covariance(line, step, 2)[3, 3])
     2.0
     >>> twice = PoseEdges(np.append(i, 0), np.append(i + 1, 2), line, np.tile(np.eye(6), (3, 1, 1)))
     >>> round(marginal_covariance(line, twice, 2)[3, 3], 9)
