@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from PIL import Image
 
 from tspslam import Rig
@@ -80,30 +82,36 @@ def bytes_in(folder: Path) -> float:
     return float(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
 
 
-def scheduler_seconds() -> float:
-    """Time of Dask's scheduler for one message: processor time of empty tasks, two messages each."""
+@contextlib.contextmanager
+def one_worker() -> Iterator[Any]:
+    """A client of a worker process of this machine, whose scheduler is in this process."""
     from distributed import Client, LocalCluster
 
+    quiet = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with (
         LocalCluster(
-            n_workers=1, threads_per_worker=4, processes=False, host="127.0.0.1", dashboard_address=None
+            n_workers=1, threads_per_worker=1, host="127.0.0.1", worker_dashboard_address=None, scheduler_kwargs=quiet
         ) as local,
         Client(local) as client,
     ):
-        client.gather(client.map(int, range(100)))
+        yield client
+
+
+def scheduler_seconds() -> float:
+    """Time of Dask's scheduler, and of its client, for one message: empty tasks, two messages each."""
+    with one_worker() as client:
+        client.gather(client.map(abs, range(100)))
         before = time.process_time()
-        client.gather(client.map(int, range(1000, 1000 + EMPTY_TASKS)))
+        client.gather(client.map(abs, range(1000, 1000 + EMPTY_TASKS)))
         return (time.process_time() - before) / (2 * EMPTY_TASKS)
 
 
 def start_seconds() -> float:
     """From asking for a worker to its first result, with the package imported."""
-    from distributed import Client, LocalCluster
-
     began = time.perf_counter()
-    with LocalCluster(n_workers=1, host="127.0.0.1", dashboard_address=None) as local, Client(local) as client:
+    with one_worker() as client:
         client.submit(_import).result()
-    return time.perf_counter() - began
+        return time.perf_counter() - began
 
 
 def _import() -> int:
@@ -114,12 +122,10 @@ def _import() -> int:
 
 def taken() -> dict[str, object]:
     """All that the page needs of this machine."""
+    dask = {
+        "scheduler_seconds": scheduler_seconds(),
+        "start_seconds": statistics.median(start_seconds() for _ in "123"),
+    }
     with tempfile.TemporaryDirectory() as folder:
         recordings = list(measured_recordings(Path(folder, "recordings")))
-        tiles = list(measured_tiles(Path(folder, "tiles")))
-    return {
-        "recordings": recordings,
-        "tiles": tiles,
-        "scheduler_seconds": scheduler_seconds(),
-        "start_seconds": float(np.median([start_seconds() for _ in range(3)])),
-    }
+        return dask | {"recordings": recordings, "tiles": list(measured_tiles(Path(folder, "tiles")))}

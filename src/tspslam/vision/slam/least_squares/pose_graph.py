@@ -150,7 +150,7 @@ def marginal_covariance(T_world: FloatArray, edges: PoseEdges, place: int) -> Fl
     >>> float(marginal_covariance(line, step, 2)[3, 3])
     2.0
     >>> twice = PoseEdges(np.append(i, 0), np.append(i + 1, 2), line, np.tile(np.eye(6), (3, 1, 1)))
-    >>> round(marginal_covariance(line, twice, 2)[3, 3], 9)
+    >>> round(float(marginal_covariance(line, twice, 2)[3, 3]), 9)
     0.666666667
     """
     T = np.ascontiguousarray(real_array(T_world, "pose graph: poses", "(K, 4, 4)"), np.float64)
