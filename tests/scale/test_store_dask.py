@@ -69,3 +69,10 @@ def test_what_is_wrong_in_a_worker_is_said_here(tmp_path, client):
         store.filter(client=client)
     with pytest.raises(InputError, match="is not visible to a worker"):
         filter_run((str(tmp_path / "nowhere"), None), vars(Options.checked(1, None, None)), 0, 1, 1)
+
+
+def test_a_scheduler_that_runs_already_serves_too(tmp_path, client):
+    alone, store = made(tmp_path / "alone.zarr").filter(), made(tmp_path / "a.zarr")
+    with cluster.connected(client.scheduler.address, store.path) as other:
+        store.filter(client=other)
+    assert stored(store.path) == stored(alone.store.path)

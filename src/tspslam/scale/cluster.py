@@ -133,7 +133,7 @@ def require_dask() -> None:
 
 
 @contextlib.contextmanager
-def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
+def local_workers(count: int, threads: int, memory: int, *, allowed_failures: int = 100) -> Iterator[Client]:
     """Worker processes on this machine, which listen on loopback alone and end with the block.
 
     Parameters
@@ -144,6 +144,9 @@ def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
         That OpenBLAS, OpenMP and numba have in each of them, where the environment does not say (``OMP_NUM_THREADS``).
     memory : int
         Bytes for each; one that goes beyond is ended and begun anew. Nothing is spilled to disk: results are small.
+    allowed_failures : int
+        Workers that may die over one job before it fails. The default leaves that to those who count where jobs begin
+        (job.py).
 
     Yields
     ------
@@ -151,7 +154,7 @@ def local_workers(count: int, threads: int, memory: int) -> Iterator[Client]:
     """
     import dask
 
-    with quiet(), dask.config.set(_settings(threads)), contextlib.ExitStack() as stack:
+    with quiet(), dask.config.set(_settings(threads, allowed_failures)), contextlib.ExitStack() as stack:
         from distributed import Client, LocalCluster
 
         with _without_interrupts():
@@ -175,13 +178,13 @@ def _close(cluster: LocalCluster) -> None:
                 process.kill()
 
 
-def _settings(threads: int) -> dict[str, Any]:
+def _settings(threads: int, allowed_failures: int) -> dict[str, Any]:
     """What differs from Dask's defaults: no sampling, no limits but one, no spilling."""
     beyond = {f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")}
     return beyond | {
         "distributed.worker.memory.terminate": 0.95,  # of the limit: Dask's own default
         "distributed.worker.profile.enabled": False,
-        "distributed.scheduler.allowed-failures": 100,  # attempts are counted where they begin (job.py)
+        "distributed.scheduler.allowed-failures": allowed_failures,
         "distributed.admin.tick.limit": "1h",  # a worker that compiles does not answer for seconds
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(_POOLS, threads),
     }

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import logging
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ..cluster import quiet, require_dask, running_cluster
+from ..cluster import local_workers, require_dask, running_cluster
 from .mesh import StoredMesh, open_mesh
 
 Run = tuple[int, int]
@@ -48,16 +46,8 @@ def opened(client: Any, workers: int, memory: int) -> Iterator[Any]:
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST_WORKERS:
         raise InputError(f"workers are {workers!r:.40}, expected 0 to {_MOST_WORKERS} processes")
     require_dask()
-    dask = _module("dask")
-    settings = {"distributed.scheduler.allowed-failures": 0, "distributed.worker.profile.enabled": False}
-    with quiet(), dask.config.set(settings):
-        distributed = _module("distributed")
-        with distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-            worker_dashboard_address=None, silence_logs=logging.CRITICAL,
-            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-        ) as machine, distributed.Client(machine) as own:  # fmt: skip
-            yield own
+    with local_workers(workers, 1, memory, allowed_failures=0) as own:
+        yield own
 
 
 @contextlib.contextmanager
@@ -115,7 +105,7 @@ def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tupl
     InputError
         If eight workers have died over a run, or one over a tile of one vertex.
     """
-    distributed = _module("distributed")
+    from distributed import Future, KilledWorker, as_completed
 
     def submit(run: Run, size: int, deaths: int) -> Any:
         future = client.submit(work, *run, size, pure=False)
@@ -123,13 +113,13 @@ def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tupl
         return future
 
     asked: dict[str, tuple[Run, int, int]] = {}
-    pending = distributed.as_completed([submit(run, tile, 0) for run in runs])
+    pending = as_completed([submit(run, tile, 0) for run in runs], loop=client.loop)
     try:
         for future in pending:
             run, size, deaths = asked.pop(future.key)
             try:
                 row = future.result()
-            except distributed.KilledWorker as error:
+            except KilledWorker as error:
                 if size == 1 or deaths + 1 == _MOST_DEATHS:
                     said = f"rows {run[0]} to {run[1]} kill their worker even {size} vertices at a time"
                     raise InputError(f"{said}, expected a worker with more memory (--memory)") from error
@@ -137,7 +127,7 @@ def spread(client: Any, work: Work, runs: list[Run], tile: int) -> Iterator[tupl
                 continue
             yield row, run
     finally:
-        client.cancel([distributed.Future(key, client) for key in asked])
+        client.cancel([Future(key, client) for key in asked])
 
 
 @lru_cache(4)
@@ -163,12 +153,3 @@ def kept_store(path: str, images: str | None) -> StoredMesh:
     if not Path(path).is_dir():
         raise InputError(f"{path}: is not visible to a worker, expected the store by the same path on all machines")
     return open_mesh(path, images=images)
-
-
-def _module(name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(
-            f"{name} is not installed, expected an installation of it: pip install 'tspslam[scale]'"
-        ) from error
