@@ -252,12 +252,12 @@ class CameraPath:
         """
         now = map_.keyframes
         steps = [k for k in range(len(now) - 1) if not (before[k] is now[k] and before[k + 1] is now[k + 1])]
-        between = [(frame, n) for n, k in enumerate(steps) for frame in self._between(now[k].index, now[k + 1].index)]
+        ends = np.array([(now[k].index, now[k + 1].index) for k in steps]).reshape(-1, 2)
+        between = [(frame, n) for n, (first, last) in enumerate(ends.tolist()) for frame in self._between(first, last)]
         if not between:
             return
         frame, n = np.array(between).T
-        number = np.array([one.index for one in now])[steps][n], np.array([one.index for one in now[1:]])[steps][n]
-        start, end = self.stamps[number[0]], self.stamps[number[1]]
+        start, end = self.stamps[ends[n]].T
         share = (self.stamps[frame] - start) / np.where(end > start, end - start, np.inf)
         was, came = (_steps(one, steps) for one in (before, now))
         self.anchored[frame] = normalised(repeated((came @ inverse(was))[n], share) @ self.anchored[frame])
@@ -335,6 +335,6 @@ class CameraPath:
 
 def _steps(frames: Sequence[Keyframe], places: Sequence[int]) -> FloatArray:
     """Poses of the keyframes after some, each as the one before has it."""
-    T = np.stack([frame.T_world_camera for frame in frames])
-    steps: FloatArray = inverse(T[places]) @ T[np.add(places, 1)]
+    T, T_next = (np.stack([frames[k + more].T_world_camera for k in places]) for more in (0, 1))
+    steps: FloatArray = inverse(T) @ T_next
     return steps
