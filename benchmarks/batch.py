@@ -20,11 +20,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from PIL import Image
-
+from tests.sequences import write_sequence
 from tspslam import Rig
 from tspslam.datasets import synthetic
-from tspslam.vision.calibration.formats.own import save_cameras
 
 PROCESSES = 2
 CLI = [sys.executable, "-m", "tspslam"]
@@ -40,15 +38,8 @@ def write_recordings(folder: Path, count: int) -> list[Path]:
 
 
 def write_walk(folder: Path, rig: Rig, length: float) -> Path:
-    for side in ("left", "right"):
-        (folder / side).mkdir(parents=True)
-    for k, pair in enumerate(
-        synthetic.SyntheticSequence(synthetic.corridor(length), rig, synthetic.Faults(noise=0.01))
-    ):
-        for side in ("left", "right"):
-            Image.fromarray(getattr(pair, side)).save(folder / side / f"{k:03d}.png", compress_level=1)
-    save_cameras(rig, folder / "calib.yaml")
-    return folder
+    walk = synthetic.SyntheticSequence(synthetic.corridor(length), rig, synthetic.Faults(noise=0.01))
+    return write_sequence(folder, walk)
 
 
 def by_hand(recordings: list[Path], out: Path, *options: str) -> None:

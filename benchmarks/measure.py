@@ -6,7 +6,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -40,3 +40,11 @@ def process_seconds(*words: str, rounds: int = 7) -> float:
     """Median wall time of a whole interpreter process."""
     run = lambda: subprocess.run([sys.executable, *words], check=True, capture_output=True)  # noqa: E731
     return median_seconds(run, rounds)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A list table of a page."""
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    for cells in (head, *rows):
+        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
+    return "\n".join(lines) + "\n"

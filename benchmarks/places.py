@@ -20,7 +20,8 @@ from tspslam.vision.features._hamming import nearest_both_ways
 from tspslam.vision.features.binary import binary_descriptors
 from tspslam.vision.slam.places.index import PlaceIndex
 
-from .uses.recognise import Places, mean_and_worst, measure, recordings, rooms, tabled, with_layout
+from .measure import table
+from .uses.recognise import Places, mean_and_worst, measure, recordings, rooms, with_layout
 
 FLIPPED = (0.082, 0.113, 0.152, 0.191, 0.215)  # of ORB's bits, 1 to 2 m on in a synthetic street: five quantiles
 COUNT, SHARED = 400, 60  # descriptors of a keyframe; of those, seen again from elsewhere
@@ -142,8 +143,8 @@ def main() -> None:
             for name, methods in found.items()
             for method, figures in methods.items()
         ]
-        (given.docs / "places_numbers.inc").write_text(tabled(["", "by", *COLUMNS], rows))
-        (given.docs / "places_index.inc").write_text(tabled(list(INDEX), times))
+        (given.docs / "places_numbers.inc").write_text(table(["", "by", *COLUMNS], rows))
+        (given.docs / "places_index.inc").write_text(table(list(INDEX), times))
 
 
 if __name__ == "__main__":

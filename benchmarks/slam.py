@@ -24,6 +24,7 @@ from tspslam.run.config import resolve
 from tspslam.run.sequence import SequenceRun
 from tspslam.session import Session
 
+from .measure import table
 from .naive import Naive
 
 WIDE = Rig(fx=707.0, fy=707.0, cx=602.0, cy=183.0, baseline=0.54, width=1226, height=370)
@@ -169,13 +170,6 @@ def memory(frames: int) -> list[float]:
     return marks
 
 
-def table(rows: list[list[str]]) -> str:
-    lines = [".. list-table::", "   :header-rows: 1", ""]
-    for cells in [HEAD, *rows]:
-        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
-    return "\n".join(lines) + "\n"
-
-
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", action="append", default=[], help="a recording with true poses")
@@ -188,9 +182,8 @@ def main(arguments: list[str]) -> None:
         rows.append(row(source))
         print(dict(zip(HEAD, rows[-1], strict=True)), flush=True)
     said = ", ".join(f"{mark:.0f}" for mark in marks)
-    text = (
-        table(rows) + f"\nMemory beyond the first frame, MB, after each quarter of {1000} frames in circles: {said}.\n"
-    )
+    text = table(HEAD, rows)
+    text += f"\nMemory beyond the first frame, MB, after each quarter of {1000} frames in circles: {said}.\n"
     print(text)
     if given.docs and not given.small:
         (given.docs / "path_numbers.inc").write_text(text, encoding="utf-8")

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..measure import table
 from .costs import Model, Sample, fit_costs
 from .measure import taken
 from .simulate import Cluster, Outcome, Task, simulate
@@ -73,13 +74,6 @@ def row(name: str, tasks: list[Task], cluster: Cluster) -> list[str]:
 
 
 HEAD = ["work", "workers", "takes", "computing, %", "scheduler busy, %", "storage holds back, %", "tail, %", "limit"]
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [".. list-table::", "   :header-rows: 1", ""]
-    for cells in [head, *rows]:
-        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(cells)]
-    return "\n".join(lines) + "\n"
 
 
 def breaking(name: str, tasks: list[Task], cluster: Cluster) -> list[str]:

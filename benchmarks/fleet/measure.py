@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import statistics
@@ -12,13 +11,11 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from PIL import Image
-
+from tests.sequences import write_sequence
 from tspslam import Rig
 from tspslam.datasets import synthetic
-from tspslam.vision.calibration.formats.own import save_cameras
+from tspslam.scale.cluster import local_workers
 
 from .costs import Sample
 
@@ -26,6 +23,7 @@ FRAMES, SIZES = (12, 40, 120), ((320, 120), (640, 240), (1226, 370))
 VERTICES = (100_000, 300_000, 1_000_000)
 FOCAL = 0.58  # of the width: KITTI's
 EMPTY_TASKS = 2000
+MEMORY = 2_000_000_000  # bytes of a worker
 KIB = 1024
 
 
@@ -57,12 +55,7 @@ def measured_tiles(folder: Path) -> Iterator[Sample]:
 def _write_street(folder: Path, width: int, height: int, frames: int) -> Path:
     rig = Rig(FOCAL * width, FOCAL * width, width / 2, height / 2, 0.54, width, height)
     walk = synthetic.SyntheticSequence(synthetic.street(float(frames - 1)), rig, synthetic.Faults(noise=0.01, blur=0.5))
-    for side in ("left", "right"):
-        (folder / side).mkdir(parents=True)
-        for k in range(len(walk)):
-            Image.fromarray(getattr(walk[k], side)).save(folder / side / f"{k:06d}.png", compress_level=1)
-    save_cameras(rig, folder / "calib.yaml")
-    return folder
+    return write_sequence(folder, walk)
 
 
 def spent(words: list[str]) -> tuple[float, float]:
@@ -82,24 +75,9 @@ def bytes_in(folder: Path) -> float:
     return float(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
 
 
-@contextlib.contextmanager
-def one_worker() -> Iterator[Any]:
-    """A client of a worker process of this machine, whose scheduler is in this process."""
-    from distributed import Client, LocalCluster
-
-    quiet = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=1, host="127.0.0.1", worker_dashboard_address=None, scheduler_kwargs=quiet
-        ) as local,
-        Client(local) as client,
-    ):
-        yield client
-
-
 def scheduler_seconds() -> float:
     """Time of Dask's scheduler, and of its client, for one message: empty tasks, two messages each."""
-    with one_worker() as client:
+    with local_workers(1, 1, MEMORY) as client:
         client.gather(client.map(abs, range(100)))
         before = time.process_time()
         client.gather(client.map(abs, range(1000, 1000 + EMPTY_TASKS)))
@@ -109,7 +87,7 @@ def scheduler_seconds() -> float:
 def start_seconds() -> float:
     """From asking for a worker to its first result, with the package imported."""
     began = time.perf_counter()
-    with one_worker() as client:
+    with local_workers(1, 1, MEMORY) as client:
         client.submit(_import).result()
         return time.perf_counter() - began
 

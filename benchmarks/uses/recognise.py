@@ -26,7 +26,7 @@ from tspslam.datasets import synthetic
 from tspslam.io import read_image
 from tspslam.topology.texture import luminance
 
-from ..measure import median_seconds
+from ..measure import median_seconds, table
 from . import recognise_rivals as rivals
 from .recognise_rivals import average_precision, recall_at_full_precision, recalled_keyframes
 
@@ -255,13 +255,6 @@ def lengths(view: View) -> dict[str, int]:
     return {name: len(make(view)) for name, make in (OF_PLACES | SHAPE).items()}
 
 
-def tabled(title: list[str], rows: list[list[str]]) -> str:
-    lines = [".. list-table::", "   :header-rows: 1", ""]
-    for row in [title, *rows]:
-        lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(row)]
-    return "\n".join(lines) + "\n"
-
-
 def mean_and_worst(values: list[float]) -> str:
     return f"{np.mean(values):.2f} ({min(values):.2f})" if len(values) > 1 else f"{values[0]:.2f}"
 
@@ -271,7 +264,7 @@ def places_table(found: dict[str, list[tuple[float, ...]]]) -> str:
         [name, *(mean_and_worst([one[k] for one in figures]) for k in range(len(COLUMNS)))]
         for name, figures in found.items()
     ]
-    return tabled(["", *COLUMNS], rows)
+    return table(["", *COLUMNS], rows)
 
 
 def draw(places: Places, found: dict[str, np.ndarray], path: Path) -> None:
@@ -351,10 +344,10 @@ def write_docs(docs: Path, found: Any, kinds: list[dict[str, tuple[float, float]
         parts += [f"Places, {name}{f': mean (worst) of {count}' if count > 1 else ''}.\n", places_table(rows)]
     parts += [
         "Things: 8 shapes, 20 views each, one known; mean (worst) of three sets.\n",
-        tabled(["", "accuracy", "mean average precision"], things_rows),
+        table(["", "accuracy", "mean average precision"], things_rows),
         f"Time, one core, ms: for a keyframe of {len(keyframe.uv)} vertices, and for 20 000 vertices at 512 by 512 px."
         " Complex, signals and responses are part of it, unless said otherwise.\n",
-        tabled(["", "numbers", "keyframe", "20 000 vertices"], time_rows),
+        table(["", "numbers", "keyframe", "20 000 vertices"], time_rows),
     ]
     (docs / "uses_recognise.inc").write_text("\n".join(parts))
 
