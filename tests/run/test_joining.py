@@ -102,6 +102,9 @@ def test_two_passes_are_one_path_in_one_frame(folders, both):
     assert errors.joint.matched == 26
     assert errors.joint.ate_rmse_m < 0.02
     assert {name: one.matched for name, one in errors.each.items()} == {"there": 14, "back": 12}
+    assert errors.joint.rpe_pairs == 13 + 11
+    ways = [one.kitti.travelled_m for one in errors.each.values()]
+    assert errors.joint.kitti.travelled_m == pytest.approx(sum(ways))
 
 
 def test_each_recording_has_a_path_with_its_own_stamps_and_all_have_one_that_rises(both):
@@ -293,6 +296,18 @@ def test_what_does_not_go_into_a_run_is_refused(folders, copy, small_pair, tmp_p
         run_into(tmp_path / "pair", [there])
     with pytest.raises(InputError, match=r"holds no config\.yaml of a run"):
         run_into(tmp_path, [there])
+
+
+def test_a_recording_of_which_nothing_can_be_read_leaves_the_run_as_it_was(folders, copy, tmp_path):
+    damaged = shutil.copytree(folders / "back", tmp_path / "damaged")
+    recording, before = open_sequence(damaged), content(copy)
+    for image in damaged.rglob("*.png"):
+        image.write_bytes(b"no image")
+    said = r"damaged: none of its 12 pairs could be used, frame 14 first \(.*\.png: .*\); .* the run is as it was"
+    with pytest.raises(InputError, match=said):
+        run_into(copy, [recording])
+    assert content(copy) == before
+    assert not copy.with_name("run-joining").exists()
 
 
 def test_settings_that_are_the_runs_own_may_be_said_again(folders, copy):

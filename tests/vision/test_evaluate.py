@@ -327,3 +327,26 @@ def test_errors_over_a_delta_are_those_of_evo(delta, unit):
         )
         metric.process_data(both)
         assert metric.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(ours, rel=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 5.0])
+def test_no_motion_is_compared_from_one_recording_to_the_next(offset):
+    truth = drive(600)
+    begin, jumped = float(truth.stamp[300]), truth.T_world_camera.copy()
+    jumped[300:, :3, 3] += 4.0
+    given = Trajectory(truth.stamp - offset, jumped)
+    how = {"deltas": ["10f", "3s", "20m"], "offset": offset}
+    one = evaluate_trajectory(given, truth, **how)
+    two = evaluate_trajectory(given, truth, parts=[begin - offset], **how)
+    assert two.ate_rmse_m == one.ate_rmse_m > 1
+    assert (two.rpe_pairs, two.per_delta["10f"].pairs) == (598, 580)
+    assert two.kitti.travelled_m == pytest.approx(598 * 0.97)
+    for found, is_right in ((one, False), (two, True)):
+        errors = [found.rpe_translation_m, found.kitti.translation_percent]
+        errors += [each.translation_m for each in (*found.per_delta.values(), *found.per_distance.values())]
+        assert all((error < 1e-6) == is_right for error in errors)
+
+
+def test_recordings_of_one_match_each_have_no_motion():
+    errors = evaluate_trajectory(path(3), path(3), parts=path(3).stamp)
+    assert (errors.rpe_pairs, errors.rpe_translation_m, errors.kitti.travelled_m) == (0, 0.0, 0.0)

@@ -13,7 +13,7 @@ import typer
 from ._live import open_cameras
 
 if TYPE_CHECKING:
-    from ..run.pipeline import Source
+    from ..datasets.joined import Source
     from ..run.sequence import Step
 
 _PARTNERS = {

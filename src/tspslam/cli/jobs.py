@@ -34,7 +34,7 @@ from ._shared import (
 from ._sources import Given, open_source
 
 if TYPE_CHECKING:
-    from ..run.pipeline import Source
+    from ..datasets.joined import Source
 
 
 @app.command("run")

@@ -21,7 +21,7 @@ _LONGEST = 60  # characters of a name, which names a file too
 _OTHERS = re.compile(r"[^\w-]+")
 
 
-class Recording(Protocol):
+class Source(Protocol):
     """Pairs of one rig, by index, with rising stamps."""
 
     @property
@@ -82,13 +82,13 @@ class Excerpt:
 
     Attributes
     ----------
-    whole : Recording
+    whole : Source
         All of them.
     places : range
         Which.
     """
 
-    whole: Recording
+    whole: Source
     places: range
 
     @property
@@ -172,7 +172,7 @@ class JoinedSequence:
     (('corridor', 'corridor-2'), (0, 4), [0.3, 11.0, 11.1])
     """
 
-    def __init__(self, recordings: Sequence[Recording]) -> None:
+    def __init__(self, recordings: Sequence[Source]) -> None:
         self.recordings = tuple(recordings)
         if not self.recordings:
             raise InputError("recordings: there is none, expected one or more")
@@ -294,7 +294,7 @@ def check_same_rig(one: Rig, name: str, other: Rig, other_name: str) -> None:
             )
 
 
-def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def _names(recordings: Sequence[Source]) -> tuple[str, ...]:
     """Names that are one word each, no two the same."""
     names: list[str] = []
     for recording in recordings:
@@ -306,7 +306,7 @@ def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _offsets(recordings: Sequence[Recording]) -> FloatArray:
+def _offsets(recordings: Sequence[Source]) -> FloatArray:
     """What makes stamps rise from each recording to the next, s."""
     offsets, end = np.zeros(len(recordings)), -np.inf
     for k, recording in enumerate(recordings):
@@ -317,7 +317,7 @@ def _offsets(recordings: Sequence[Recording]) -> FloatArray:
     return offsets
 
 
-def _ends_of(recording: Recording) -> tuple[float, float]:
+def _ends_of(recording: Source) -> tuple[float, float]:
     """Stamps of the first and the last pair, s."""
     stamps: FloatArray | None = getattr(recording, "stamps", None)
     if stamps is not None:
@@ -326,7 +326,7 @@ def _ends_of(recording: Recording) -> tuple[float, float]:
     return _stamp(recording, range(count)), _stamp(recording, range(count - 1, -1, -1))
 
 
-def _stamp(recording: Recording, places: range) -> float:
+def _stamp(recording: Source, places: range) -> float:
     """Stamp of the first of some pairs that can be read, s."""
     for place in places:
         try:

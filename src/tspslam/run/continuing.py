@@ -14,7 +14,7 @@ import numpy as np
 from .._atomic import atomic_write, bad_output
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line, read_bytes
-from ..datasets.joined import Excerpt, JoinedSequence, Recording, StoredRecording, check_same_rig
+from ..datasets.joined import Excerpt, JoinedSequence, Source, StoredRecording, check_same_rig
 from ..errors import InputError
 from ..io import RunFolder, StoredRun, load_run, read_frame
 from ..io._places import is_of_a_run
@@ -26,7 +26,7 @@ from ._stages import OnStep
 from .config import Resolved, resolve
 from .pipeline import Progress, RunResult, run, settings_of
 from .record import FrameRecord, Row
-from .sequence import MADE_BY, STATE_NAME, OnFrame, Source, input_hash
+from .sequence import MADE_BY, STATE_NAME, OnFrame, input_hash
 
 _OF_READERS = (
     "camera_lost",
@@ -40,7 +40,7 @@ _FEWEST = 2  # frames of a run that has a path
 
 
 def run_into(
-    folder: PathLike, recordings: Sequence[Recording], given: Resolved | None = None, *,
+    folder: PathLike, recordings: Sequence[Source], given: Resolved | None = None, *,
     progress: Progress | None = None, on_frame: OnFrame | None = None, on_step: OnStep | None = None,
 ) -> RunResult:  # fmt: skip
     """Go on with a finished run: track further recordings in its map, and make its results anew.
@@ -68,8 +68,8 @@ def run_into(
     ------
     InputError
         If the run is not finished, of another version, of a single pair, or of part of its source; made with
-        ``--fix-offset``, with other settings (each is named) or of another rig; if a recording is in it already; or if
-        another process uses it.
+        ``--fix-offset``, with other settings (each is named) or of another rig; if a recording is in it already, or
+        none of its pairs can be used: the run stays as it was; or if another process uses it.
     OutputError
         If something cannot be written.
     """
@@ -88,13 +88,14 @@ def run_into(
         source = JoinedSequence([*parts, *recordings])
         _bring(place, work, settings_of(source, None, resolved))
         result = run(source, work, resolved, progress=progress, on_frame=on_frame, on_step=on_step)
+        _refuse_untracked(result, len(recordings), work)
     finally:
         lock.release()
     _take_place(place, work, before)
     return replace(result, folder=Path(folder))
 
 
-def excerpts(source: Source, frames: range | None) -> list[Recording]:
+def excerpts(source: Source, frames: range | None) -> list[Source]:
     """Take a source, or some of its frames, for recordings to be added to a run.
 
     Parameters
@@ -170,7 +171,7 @@ def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterat
 
 
 def _refuse_again(
-    parts: Sequence[StoredRecording], rows: Sequence[Row], recordings: Sequence[Recording], resolved: Resolved
+    parts: Sequence[StoredRecording], rows: Sequence[Row], recordings: Sequence[Source], resolved: Resolved
 ) -> None:
     """Refuse a recording that is in the run already, by the hash of one of its pairs; and one of another rig."""
     with Session(parts[0].rig, resolved.settings, keep=False) as session:
@@ -187,7 +188,7 @@ def _refuse_again(
 
 
 def _hash_as(
-    recording: Recording, index: int, row: FrameRecord, part: StoredRecording, k: int, session: Session
+    recording: Source, index: int, row: FrameRecord, part: StoredRecording, k: int, session: Session
 ) -> str | None:
     """Hash of a pair if it were of a recording of the run; None if it cannot be read."""
     try:
@@ -196,6 +197,31 @@ def _hash_as(
         return None
     name = f"{part.name}/{pair.name}" if k else pair.name
     return input_hash(replace(pair, index=row.index, stamp=pair.stamp + part.offset, name=name), session)
+
+
+def _refuse_untracked(result: RunResult, count: int, work: Path) -> None:
+    """Refuse recordings of which no pair could be used: the run that they were to join would only be worse."""
+    for one in result.run["recordings"][-count:]:
+        if one["relative_to"] is None:
+            skipped = set(range(one["first"], one["first"] + one["frames"])) & set(result.run["skipped"])
+            why = f", frame {min(skipped)} first ({_reason(result, min(skipped))})" if skipped else ""
+            _remove(work)
+            said = f"none of its {one['frames']} pairs could be used{why}"
+            raise InputError(one_line(f"{one['name']}: {said}; expected a recording to add: the run is as it was"))
+
+
+def _reason(result: RunResult, frame: int) -> str:
+    """Why a frame was skipped, as the run's warning has it."""
+    start = f"frame {frame}: "
+    said = (one["message"] for one in result.run["warnings"] if one["code"] == "frame_skipped")
+    return next(message.removeprefix(start) for message in said if message.startswith(start))
+
+
+def _remove(folder: Path) -> None:
+    try:
+        shutil.rmtree(folder)
+    except OSError as error:
+        raise bad_output(folder, error) from error
 
 
 def _bring(place: Path, work: Path, settings: dict[str, Any]) -> None:
@@ -254,6 +280,6 @@ def _clear(before: Path, place: Path) -> None:
         for file in before.iterdir():
             if not is_of_a_run(file.name) and not (place / file.name).exists():
                 file.rename(place / file.name)
-        shutil.rmtree(before)
     except OSError as error:
         raise bad_output(before, error) from error
+    _remove(before)

@@ -45,6 +45,7 @@ class Options(NamedTuple):
     deltas: Sequence[str]
     align: Align
     offset: float | Literal["auto"]
+    parts: Sequence[float] = ()
 
     def by_stamp(self, estimate: Trajectory, reference: Trajectory) -> TrajectoryErrors:
         """Compare two paths by their stamps.
@@ -60,7 +61,7 @@ class Options(NamedTuple):
         """
         return evaluate_trajectory(
             estimate, reference, max_stamp_difference=self.max_stamp_difference, deltas=self.deltas, align=self.align,
-            offset=self.offset,
+            offset=self.offset, parts=self.parts,
         )  # fmt: skip
 
     def compare(self, estimate: Trajectory, reference: Trajectory, *, is_stamped: bool) -> TrajectoryErrors:

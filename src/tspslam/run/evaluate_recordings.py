@@ -30,7 +30,7 @@ class RecordingErrors:
         Of each recording, laid on its own true path.
     joint : TrajectoryErrors
         Of the first one and those that were joined to it, laid on their true paths as one: it tells how well they were
-        joined, if these are in one frame.
+        joined, if these are in one frame. No motion is compared from one recording to the next.
     """
 
     each: dict[str, TrajectoryErrors]
@@ -117,8 +117,9 @@ def _as_one(pairs: Sequence[tuple[Trajectory, Trajectory, bool]], how: Options) 
         shift = end + _APART - min(path.stamp[0], truth.stamp[0])
         end = max(path.stamp[-1], truth.stamp[-1]) + shift
         moved.append((_later(path, shift), _later(truth, shift)))
+    begins = [float(path.stamp[0]) for path, _ in moved]
     path, truth = map(_concatenated, zip(*moved, strict=True))
-    return how.compare(path, truth, is_stamped=pairs[0][2])
+    return how._replace(parts=begins).compare(path, truth, is_stamped=pairs[0][2])
 
 
 def _later(path: Trajectory, shift: float) -> Trajectory:

@@ -12,6 +12,7 @@ from .._checks import refuse_path, require_path, require_stage, told
 from .._files import PathLike
 from .._stopwatch import Stopwatch
 from ..datasets import JoinedSequence, open_sequence
+from ..datasets.joined import Source
 from ..errors import GeometryError, InputError
 from ..frame import Frame
 from ..io import RunFolder, read_frame, write_map
@@ -29,7 +30,6 @@ from .map import join_keyframes, stored_keyframes
 from .offset import fix_offset
 from .record import hash_of, machine
 from .sequence import STATE_NAME, GrowingSource, OnFrame, SequenceRun
-from .sequence import Source as Source
 from .sequence import Step as Step
 from .summary import Warning_, describe_map, doubts_of_map, summarize_run
 

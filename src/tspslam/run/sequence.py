@@ -18,13 +18,13 @@ from .._files import one_line, read_bytes
 from .._npz import Arrays
 from .._stopwatch import Stopwatch
 from .._threads import Worker
-from ..datasets.joined import JoinedSequence
+from ..datasets.joined import JoinedSequence, Source
 from ..errors import InputError
 from ..frame import Frame
 from ..io import RunFolder, write_bytes, write_frame
 from ..io.frames import read_frame_image
 from ..session import Session
-from ..types import Image, Rig, StereoPair, Trajectory
+from ..types import Image, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack, write_checkpoint
@@ -38,24 +38,6 @@ MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do n
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer
-
-
-class Source(Protocol):
-    """Pairs of one rig, by index."""
-
-    @property
-    def name(self) -> str:
-        """What to call it."""
-
-    @property
-    def rig(self) -> Rig:
-        """The cameras of all pairs."""
-
-    def __len__(self) -> int:
-        """How many pairs there are."""
-
-    def __getitem__(self, index: int) -> StereoPair:
-        """Read one pair."""
 
 
 @runtime_checkable

@@ -287,10 +287,5 @@ def _surfaces(unpaired: Sequence[str], stored: list[ComplexRecord]) -> Iterator[
     if unpaired:
         names = ", ".join(unpaired[:3])
         yield {"code": "unpaired", "message": f"{len(unpaired)} images have no partner or no stamp: {names}"}
-    pinched = sum(len(each.pinched_vertices) for each in stored)
-    broken = {each.surface for each in stored} - {"image Delaunay", "closed manifold"}
-    for verdict in sorted(broken):
+    for verdict in sorted({each.surface for each in stored} - {"image Delaunay", "closed manifold"}):
         yield {"code": "surface", "message": verdict}
-    if pinched and not broken:
-        message = f"keyframes' own surfaces are no manifolds at {pinched} vertices (frames/*.json), where depth is cut"
-        yield {"code": "pinched_vertices", "message": message}

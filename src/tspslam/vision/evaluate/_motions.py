@@ -19,17 +19,19 @@ _KITTI_STEP = 10  # poses from one start to the next: a second of KITTI's
 
 @dataclass(frozen=True, repr=False)
 class Motions(Brief):
-    """Matched poses, (M, 4, 4), estimated and true; the stamps of the estimated, s, and the numbers of their frames."""
+    """Matched poses, (M, 4, 4), estimated and true; stamps of the estimated, s, numbers of their frames and parts."""
 
     P: FloatArray
     Q: FloatArray
     stamps: FloatArray
     frames: NDArray[np.int64]
+    part: NDArray[np.int64]
 
     @property
     def travelled(self) -> FloatArray:
-        """Along the true path, m."""
-        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.Q[:, :3, 3], axis=0), axis=1))])
+        """Along the true path, m; nothing is travelled from one part to the next."""
+        ways = np.linalg.norm(np.diff(self.Q[:, :3, 3], axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(np.where(self.part[1:] == self.part[:-1], ways, 0.0))])
 
 
 def errors_over(motions: Motions, delta: Delta) -> DistanceErrors:
@@ -41,6 +43,7 @@ def errors_over(motions: Motions, delta: Delta) -> DistanceErrors:
     miss = [np.abs(along[end] - along[start] - delta.size) for end in (before, after)]
     end = np.where(miss[0] <= miss[1], before, after)
     kept = np.minimum(*miss) <= (0.0 if delta.unit == "f" else _SLACK * delta.size)
+    kept &= motions.part[start] == motions.part[end]
     if not kept.any():
         return DistanceErrors(0, 0.0, 0.0, 0.0)
     start, end = start[kept], end[kept]
@@ -59,6 +62,7 @@ def kitti_errors(motions: Motions) -> KittiErrors:
     for length in _KITTI_LENGTHS:
         end = np.searchsorted(along, along[start] + length, "right")
         kept = end < len(along)
+        kept[kept] = motions.part[start[kept]] == motions.part[end[kept]]
         if not kept.any():
             continue
         translation, rotation = relative_errors(motions.P, motions.Q, start[kept], end[kept])

@@ -8,7 +8,7 @@ from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..._brief import Brief
 from ..._checks import told
@@ -111,6 +111,7 @@ def evaluate_trajectory(
     deltas: Sequence[str] = (),
     align: Align = "se3",
     offset: float | Literal["auto"] = 0.0,
+    parts: ArrayLike = (),
 ) -> TrajectoryErrors:
     """Compare an estimated camera path with the true one.
 
@@ -136,6 +137,9 @@ def evaluate_trajectory(
         that and the best scale, which is then the scale of all that is measured.
     offset : float or "auto"
         Added to the estimate's stamps, s; what `find_offset` finds, if it is ``"auto"``.
+    parts : (R,) floats
+        Stamps of the estimate, as given, at which another recording begins: no motion is compared across, and the way
+        between two of them is not travelled.
 
     Returns
     -------
@@ -176,6 +180,7 @@ def evaluate_trajectory(
         raise InputError(
             f"evaluation: align, offset are {align!r}, {offset}, expected {get_args(Align)}, finite seconds"
         )
+    begins = np.sort(real_array(parts, "parts", "(R,)").astype(np.float64).ravel())
     known, truth = checked_path(estimate, "estimate"), checked_path(reference, "reference")
     known = Known(known.stamps + found.seconds, known.poses, known.unknown)
     if (np.diff(known.stamps) <= 0).any():
@@ -185,7 +190,8 @@ def evaluate_trajectory(
     own, other = match_stamps(known.stamps, truth.stamps, max_stamp_difference)
     overlap = Overlap(known, truth, own, other)
     overlap.check(max_stamp_difference)
-    return _errors(overlap, lengths, wanted, align, found)
+    part = np.searchsorted(begins + found.seconds, known.stamps[own], "right")
+    return _errors(overlap, lengths, wanted, align, found, part)
 
 
 def _check_kinds(most: object, deltas: object, align: object, offset: object) -> None:
@@ -217,9 +223,17 @@ def _laid(P: FloatArray, Q: FloatArray, align: Align) -> tuple[FloatArray, float
     return (np.eye(4) if align == "none" else Q[0] @ inverse(P[0])), 1.0
 
 
+def _steps(between: NDArray[np.int64], is_one_part: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
+    """Matches whose next one is as many frames away as is commonest, of equally common numbers the least; and it."""
+    numbers, counts = np.unique(between[is_one_part], return_counts=True)
+    frames = int(numbers[np.argmax(counts)]) if len(numbers) else 1
+    return np.flatnonzero(is_one_part & (between == frames)), frames
+
+
 def _errors(
-    overlap: Overlap, lengths: FloatArray, deltas: dict[str, Delta], align: Align, offset: Offset
-) -> TrajectoryErrors:
+    overlap: Overlap, lengths: FloatArray, deltas: dict[str, Delta], align: Align, offset: Offset,
+    part: NDArray[np.int64],
+) -> TrajectoryErrors:  # fmt: skip
     """Errors of matched poses."""
     P, Q = overlap.estimate.poses[overlap.own].copy(), overlap.truth.poses[overlap.other]
     true_position = Q[:, :3, 3]
@@ -230,11 +244,9 @@ def _errors(
     laid = P[:, :3, 3] @ T[:3, :3].T + T[:3, 3]
     ate = np.linalg.norm(laid - true_position, axis=1)
     between = overlap.frames_between()
-    numbers, counts = np.unique(between, return_counts=True)
-    frames = int(numbers[np.argmax(counts)])  # the commonest, of equally common ones the least
-    steps = np.flatnonzero(between == frames)
+    steps, frames = _steps(between, np.diff(part) == 0)
     translation, rotation = (values / frames for values in relative_errors(P, Q, steps, steps + 1))
-    motions = Motions(P, Q, overlap.estimate.stamps[overlap.own], np.concatenate([[0], np.cumsum(between)]))
+    motions = Motions(P, Q, overlap.estimate.stamps[overlap.own], np.concatenate([[0], np.cumsum(between)]), part)
     return TrajectoryErrors(
         ate_rmse_m=rms(ate),
         ate_sim3_rmse_m=rms(np.linalg.norm(scaled - true_position, axis=1)),
