@@ -119,6 +119,27 @@ def test_killed_at_twenty_moments_it_ends_with_the_same_bytes(folder, whole, tmp
     assert content(out) == expected
 
 
+def test_a_kill_loses_what_came_after_the_last_checkpoint(folder, whole, tmp_path):
+    out, anew = tmp_path / "run", []
+
+    def kill(arrived):
+        if arrived.index == 30:
+            for _ in range(6000):  # what writes the checkpoint after 25 frames does so beside the run
+                if (out / STATE_NAME).exists():
+                    break
+                time.sleep(0.01)
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    child = os.fork()
+    if not child:
+        run(open_sequence(folder), out, resolve(assignments=SETTINGS), on_frame=kill)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    run(open_sequence(folder), out, resolve(assignments=SETTINGS), on_frame=lambda frame: anew.append(frame.index))
+    assert anew == list(range(25, len(corridor(LENGTH, SMALL_RIG))))
+    assert content(out) == content(whole)
+
+
 def test_a_checkpoint_of_other_images_does_not_count(folder, whole, tmp_path):
     shutil.copytree(folder, tmp_path / "walk")
     first = tmp_path / "walk/left/003.png"
