@@ -28,11 +28,12 @@ _WINDOW, _OLDER = 8, 4  # keyframes that are mapped anew: the last ones, and old
 
 
 class LiveMap:
-    """The map of a session, brought up to date at a bounded cost.
+    """The map of a session, brought up to date where it changes.
 
     Each update makes the surface, the signals and the response around the last keyframes anew, also where older
-    keyframes saw the same landmarks, and joins that to the rest, whose vertices go where the session's landmarks have
-    moved. `tspslam.build_map` makes all of it at once, at a cost that grows with the path: the final map.
+    keyframes saw the same landmarks: at a cost that is bounded. Joining that to the rest, whose vertices go where the
+    session's landmarks have moved, costs about 8 µs a vertex of the whole. `tspslam.build_map` makes all of it at once,
+    at a cost that grows with the path: the final map.
 
     Parameters
     ----------
