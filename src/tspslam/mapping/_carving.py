@@ -63,7 +63,7 @@ def sphere_angles(points, tetrahedra, planes, cosines):  # type: ignore[no-untyp
 @inlined
 def _begin(i, dx, dy, dz, start, around, tetrahedra, planes):  # type: ignore[no-untyped-def]
     """Tetrahedron at vertex i into which a direction points: the one whose least sign is largest."""
-    best, found = -np.inf, -1
+    best, found = -np.inf, np.int64(-1)  # a literal would be one more type to compile `_walk` for
     for r in range(start[i], start[i + 1]):
         t = around[r]
         least = np.inf

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import subprocess
@@ -19,7 +20,11 @@ from ..topology._harmonics import filter_one_ring
 from ..vision.slam._patch_tracking import track_level
 
 LIST = Path(__file__).with_name("kernels.txt")
-"""A line a kernel: its module, its name, the types that a run calls it with; in the order of need."""
+"""A line a kernel: its module, its name, the types that a run calls it with.
+
+What a first frame needs comes first, and of that the longest early, so that the helpers end together; the rest is in
+the order of need, and last what only a loop needs.
+"""
 _HELPERS = 2  # processes; more gain little, as a first frame needs seven kernels
 _OF_PATHS = ".slam."  # in the names of modules that a run of one pair does not need
 
@@ -71,9 +76,12 @@ def _helper(is_sequence: bool) -> Iterator[None]:
 def compile_listed(is_sequence: bool) -> None:
     """Compile what is listed, and neither there nor being compiled; end when standard input does."""
     threading.Thread(target=_end_with_input, daemon=True).start()
+    gc.disable()  # a compiler's objects are looked through again and again otherwise: a tenth of its time
     for module, name, types in listed():
         if is_sequence or _OF_PATHS not in module:
             compile_one(getattr(importlib.import_module(module), name), types)
+            gc.collect()
+            gc.freeze()  # what is left by now stays
 
 
 def compile_one(kernel: Any, types: str) -> None:

@@ -74,7 +74,7 @@ def _merge_sorted(keys, start, stop):  # type: ignore[no-untyped-def]
     """Sort many keys: short runs, then pairs of runs; NumPy's own sort is one that numba compiles for seconds."""
     for first in range(start, stop, _SHORT):
         _insert_sorted(keys, first, min(first + _SHORT, stop))
-    held = keys[start:stop].copy()
+    held = np.empty(stop - start, np.int64)
     run = _SHORT
     while run < stop - start:
         for first in range(start, stop, 2 * run):
@@ -86,7 +86,8 @@ def _merge_sorted(keys, start, stop):  # type: ignore[no-untyped-def]
                 else:
                     held[r - start] = keys[q]
                     q += 1
-        keys[start:stop] = held
+        for r in range(start, stop):  # as an assignment of slices, it would take seconds to compile
+            keys[r] = held[r - start]
         run *= 2
 
 
@@ -102,7 +103,7 @@ def _sort_bucket(first, stop, base, begin, sides, keys):  # type: ignore[no-unty
         v = sides[p, 0] - base
         keys[begin[v]] = np.int64(sides[p, 1]) << 32 | p - first
         begin[v] += 1
-    start = 0
+    start = np.int64(0)  # a literal would be one more type to compile `_merge_sorted` for
     for v in range(begin.shape[0] - 1):
         if begin[v] - start <= _SHORT:
             _insert_sorted(keys, start, begin[v])
