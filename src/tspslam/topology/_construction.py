@@ -17,6 +17,7 @@ from .._threads import both
 from ..types import BoolArray, IntArray
 from . import _kernels, _stars
 from ._locality import FEW
+from ._memory import empty
 
 Index = NDArray[np.int32]
 
@@ -42,7 +43,7 @@ def sort_faces(triples: IntArray, n: int) -> tuple[Index, list[NDArray[np.int64]
     bad : int
     """
     shift, buckets = _grid(n)
-    ascending, parts = np.empty(triples.shape, np.int32), _parts(len(triples))
+    ascending, parts = empty(triples.shape, np.int32), _parts(len(triples))
     counts = [np.zeros(buckets, np.int64) for _ in parts]
 
     def sort(k: int) -> int:
@@ -75,7 +76,7 @@ def number_edges(
     shift, buckets = _grid(n)
     parts, alone = _parts(len(faces)), np.bincount(extra[:, 0] >> shift, minlength=buckets)
     starts, fills = _places([*counts, alone])
-    sides, ranks = np.empty((starts[-1], 3), np.int32), np.empty(starts[-1], np.int32)
+    sides, ranks = empty((int(starts[-1]), 3), np.int32), empty(int(starts[-1]), np.int32)
     _at_once(lambda k: _kernels.spread_faces(faces[parts[k]], shift, fills[k].copy(), sides), len(parts))
     _kernels.spread_edges(extra, shift, fills[-1].copy(), sides)
     ranges, distinct = _ranges(starts), np.zeros(buckets, np.int64)
@@ -83,7 +84,7 @@ def number_edges(
         lambda k: _kernels.number_sides(ranges[k], n, starts, shift, sides, ranks, distinct), len(ranges)
     )
     first = np.concatenate([[0], np.cumsum(distinct)])
-    edges, face_edges = np.empty((first[-1], 2), np.int32), np.empty(faces.shape, np.int32)
+    edges, face_edges = empty((int(first[-1]), 2), np.int32), empty(faces.shape, np.int32)
     _at_once(lambda k: _kernels.take_edges(ranges[k], starts, sides, first, edges), len(ranges))
     _at_once(
         lambda k: _kernels.number_faces(faces[parts[k]], shift, fills[k], ranks, first, face_edges[parts[k]]),
@@ -124,7 +125,7 @@ def find_stars(
         _spread_corners(faces, face_edges, shift, buckets),
     )
     begin = np.concatenate([[0], np.cumsum(lengths + 2 * np.diff(corners[0]))])
-    start, rows, levels = np.empty(n + 1, np.int32), np.empty(begin[-1], np.int32), np.empty((n, 2), np.int32)
+    start, rows, levels = empty(n + 1, np.int32), empty(int(begin[-1]), np.int32), empty((n, 2), np.int32)
     start[np.arange(buckets, dtype=np.int64) << shift], start[n] = begin[:-1], begin[-1]
     ranges, around = _ranges(begin), (*above, lower)
     _at_once(
@@ -144,7 +145,7 @@ def _spread_edges(
         lambda k: _stars.count_edges(edges[parts[k]], has_face[parts[k]], shift, counts[k], lengths[k]), len(parts)
     )
     starts, fills = _places(counts)
-    out = np.empty((starts[-1], 3), np.int32)
+    out = empty((int(starts[-1]), 3), np.int32)
     _at_once(
         lambda k: _stars.spread_edges(
             parts[k].start, edges[parts[k]], has_face[parts[k]], shift, fills[k], out
@@ -160,7 +161,7 @@ def _spread_corners(faces: Index, face_edges: Index, shift: int, buckets: int) -
     counts = [np.zeros(buckets, np.int64) for _ in parts]
     _at_once(lambda k: _stars.count_corners(faces[parts[k]], shift, counts[k]), len(parts))
     starts, fills = _places(counts)
-    out = np.empty((starts[-1], 3), np.int32)
+    out = empty((int(starts[-1]), 3), np.int32)
     _at_once(
         lambda k: _stars.spread_corners(
             parts[k].start, faces[parts[k]], face_edges[parts[k]], shift, fills[k], out

@@ -185,6 +185,7 @@ def filter_one_ring(visit, is_far, start, rows, elements, order, centering, z, d
             fetch(visit, r + BLOCK, start, rows, elements, z)
         i = visit[r]
         u, v, own = elements[i, 0], elements[i, 1], elements[i, 2]
+        z[i], defined[i] = 0.0, False
         if elements[i, 3] == 0.0:
             continue
         shift = 0.0 if centering == NONE else own
@@ -209,6 +210,7 @@ def filter_rings(vertex_rows, face_rows, boundary, elements, order, centering, g
     x, y, s, w = _scratch(total)
     for i in range(n):
         u, v, own = elements[i, 0], elements[i, 1], elements[i, 2]
+        z[i], defined[i] = 0.0, False
         if elements[i, 3] == 0.0:
             continue
         shift = 0.0 if centering == NONE else own

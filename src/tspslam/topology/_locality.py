@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .._jit import inlined, kernel
 from .._threads import both, in_halves
 from ..types import FloatArray
+from ._memory import empty
 
 PER_CELL = 16  # vertices in a cell of the grid, about
 FEW = 1 << 15  # up to so many vertices everything is near
@@ -70,7 +71,7 @@ def sort_by_cell(cells, count, first, order):  # type: ignore[no-untyped-def]
 
 def order_by_cell(cells: NDArray[Any], count: int, first: NDArray[Any]) -> NDArray[np.uint32]:
     """Elements by the cell of their first vertex, of `count` cells."""
-    order = np.empty(len(first), np.uint32)
+    order = empty(len(first), np.uint32)
     sort_by_cell(cells, count, first, order)
     return order
 
@@ -83,7 +84,7 @@ def visits(uv: FloatArray, *firsts: NDArray[np.uint32]) -> tuple[Any, ...]:
     n = uv.shape[0]
     if n <= FEW:
         return False, *(np.arange(length, dtype=np.uint32) for length in (n, *map(len, firsts)))
-    cells = np.empty(n, np.int32)
+    cells = empty(n, np.int32)
     count = find_cells(uv, cells)
     every = (np.arange(n, dtype=np.uint32), *firsts)
     some, others = both(lambda each: [order_by_cell(cells, count, first) for first in each], (every[:2], every[2:]))

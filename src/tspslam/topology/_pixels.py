@@ -56,8 +56,7 @@ def sample_vertices(image, unit, uv, order, is_far, value, ok):  # type: ignore[
         i = order[r]
         u, v = uv[i, 0], uv[i, 1]
         ok[i] = 0.0 <= u <= width - 1 and 0.0 <= v <= height - 1
-        if ok[i]:
-            value[i] = _bilinear(image, u, v) * unit
+        value[i] = _bilinear(image, u, v) * unit if ok[i] else 0.0
 
 
 @inlined
@@ -115,6 +114,7 @@ def _sample_edge_block(image, unit, uv, vertex_ok, edges, block, value, edge_uv,
         i, j = edges[e, 0], edges[e, 1]
         ok[e] = vertex_ok[i] and vertex_ok[j]
         if not ok[e]:
+            value[e], edge_uv[e, 0], edge_uv[e, 1], pixels[e] = 0.0, 0.0, 0.0, 0
             continue
         u0, v0 = int(uv[i, 0] + 0.5), int(uv[i, 1] + 0.5)
         u1, v1 = int(uv[j, 0] + 0.5), int(uv[j, 1] + 0.5)
@@ -233,6 +233,7 @@ def _sample_face_block(image, table, unit, uv, vertex_ok, faces, block, value, f
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         ok[f] = vertex_ok[i] and vertex_ok[j] and vertex_ok[k]
         if not ok[f]:
+            value[f], face_uv[f, 0], face_uv[f, 1], pixels[f] = 0.0, 0.0, 0.0, 0
             continue
         total, sum_2u, sum_v, count = _scan(
             table, _grid(uv[i, 0]), _grid(uv[i, 1]), _grid(uv[j, 0]), _grid(uv[j, 1]), _grid(uv[k, 0]), _grid(uv[k, 1])

@@ -176,12 +176,13 @@ class Complex(Brief):
     def _level(self, level: int) -> Rows:
         """The neighbours of one level, in arrays of their own."""
         from . import _stars
+        from ._memory import empty
 
         start, rows, levels = self.around
         at_edges, at_faces = 2 * len(self.edges), self.face_edges.size
         size = (at_edges, len(rows) - at_edges - at_faces, at_faces)[level]
         first = (0, self.n, self.n + len(self.edges))[level]
-        kept_start, kept = np.empty(self.n + 1, np.int32), np.empty(size, np.int32)
+        kept_start, kept = empty(self.n + 1, np.int32), empty(size, np.int32)
         _stars.take_level(start, levels, rows, level, first, kept_start, kept)
         return Rows(kept_start, kept)
 
@@ -394,5 +395,8 @@ def _incidence(boundary: Boundary, rows: int) -> csr_array:
 def _pattern(rows: Rows, columns: int) -> csr_array:
     from scipy.sparse import csr_array
 
-    ones = np.ones(len(rows.indices), np.int8)
+    from ._memory import empty
+
+    ones = empty(len(rows.indices), np.int8)
+    ones[:] = 1
     return csr_array((ones, rows.indices, rows.indptr), shape=(len(rows.indptr) - 1, columns))

@@ -22,8 +22,6 @@ _HIGHEST = 1000  # order: cost grows with it, and no neighbourhood samples an an
 LARGEST_BANK = 1 << 32
 """Bytes of responses that are still computed."""
 
-_LINE = 64  # bytes that come from memory together
-
 _CENTERINGS = ("none", "mean", "harmonic", "plane")
 
 
@@ -204,8 +202,9 @@ def _filter(
     complex_: Complex, elements: FloatArray, order: int, mode: int, rings: FloatArray | None
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     from . import _harmonics, _locality
+    from ._memory import empty
 
-    z, defined = np.zeros(complex_.n, np.complex128), np.zeros(complex_.n, bool)
+    z, defined = empty(complex_.n, np.complex128), empty(complex_.n, bool)
     if rings is None:
         start, rows = complex_.stars
         is_far, visit = _locality.visits(elements[: complex_.n, :2])
@@ -226,6 +225,7 @@ def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
     """One row (u, v, signal, weight) an element: vertices, then edges, then faces; a neighbour is one cache line."""
     from . import _harmonics
     from ._locality import FEW
+    from ._memory import empty
 
     one = [each if each.ndim == 1 else each[:, channel] for each in (signals.vertex, signals.edge, signals.face)]
     levels = (
@@ -233,7 +233,7 @@ def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
         ("edge", signals.edge_uv, one[1], signals.edge_ok),
         ("face", signals.face_uv, one[2], signals.face_ok),
     )
-    elements = _aligned(sum(len(level[-1]) for level in levels), 4)
+    elements = empty((sum(len(level[-1]) for level in levels), 4))
     firsts = np.cumsum([0, *(len(level[-1]) for level in levels)])
 
     def fill(some: tuple[int, ...]) -> list[int]:
@@ -244,14 +244,6 @@ def _pack(uv: FloatArray, signals: Signals, channel: int) -> FloatArray:
         if bad >= 0:
             raise InputError(f"tmahf: {level} {bad} has a signal, but its value or position is not finite")
     return elements
-
-
-def _aligned(*shape: int) -> FloatArray:
-    """An empty array that begins with a cache line."""
-    size = int(np.prod(shape))
-    held = np.empty(size + _LINE // 8)
-    first = -held.ctypes.data % _LINE // 8
-    return held[first : first + size].reshape(shape)
 
 
 def _plain(values: NDArray[Any]) -> FloatArray:

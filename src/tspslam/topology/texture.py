@@ -109,14 +109,15 @@ def sample_signals(
 
 def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Complex) -> Signals:
     from . import _locality, _pixels
+    from ._memory import empty
 
     edges, faces = complex_.edges.view(np.uint32), complex_.faces.view(np.uint32)  # unsigned: no wrap-around checks
     is_far, by_vertex, by_edge, by_face = _locality.visits(uv, edges[:, 0], faces[:, 0])
     n_edges, n_faces = len(edges), len(faces)
-    vertex, vertex_ok = np.zeros(complex_.n), np.zeros(complex_.n, bool)
-    edge, edge_uv, edge_ok = np.zeros(n_edges), np.zeros((n_edges, 2)), np.zeros(n_edges, bool)
-    face, face_uv, face_ok = np.zeros(n_faces), np.zeros((n_faces, 2)), np.zeros(n_faces, bool)
-    edge_pixels, face_pixels = np.zeros(n_edges, np.int32), np.zeros(n_faces, np.int32)
+    vertex, vertex_ok = empty(complex_.n), empty(complex_.n, bool)
+    edge, edge_uv, edge_ok = empty(n_edges), empty((n_edges, 2)), empty(n_edges, bool)
+    face, face_uv, face_ok = empty(n_faces), empty((n_faces, 2)), empty(n_faces, bool)
+    edge_pixels, face_pixels = empty(n_edges, np.int32), empty(n_faces, np.int32)
     table = _prefix_table(plane)
 
     def vertices(part: slice) -> None:
@@ -155,10 +156,11 @@ def _drop_unseen(signals: Signals, seen: Signals) -> Signals:
 
 def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:
     from . import _pixels
+    from ._memory import empty
 
     height, width = plane.shape
     exact = plane.dtype.kind == "u" and width <= _WIDEST_EXACT
-    table = np.empty((height, width + 1), np.int32 if exact else np.float64)
+    table = empty((height, width + 1), np.int32 if exact else np.float64)
     table[:, 0] = 0
     _pixels.prefix_sums(plane, table)
     return table

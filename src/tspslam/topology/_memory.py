@@ -1,0 +1,78 @@
+"""Memory of large arrays, kept for the next ones when they are gone.
+
+The system clears each page that it hands out, and that of a virtual machine may have to fetch it from its host first:
+for large arrays that takes as long as filling them. Small ones come from the heap, which keeps its pages by itself.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+LEAST = 1 << 22  # bytes of an array that has a block of its own: two huge pages
+MOST = 1 << 30  # bytes that are kept: those of a complex of 10^6 vertices with its signals and responses
+_PAGE = 1 << 21  # bytes of a huge page, of which blocks are made
+_LINE = 64  # bytes that come from memory together
+
+_kept: list[mmap.mmap] = []  # the longest kept first
+_lock = threading.RLock()  # a block may come back while this thread takes another
+
+
+class _Block:
+    """What an array in a block rests on: gone with the array's last view, it gives the block back."""
+
+    __slots__ = ("__array_interface__", "_memory")
+
+    def __init__(self, memory: mmap.mmap, count: int, kind: np.dtype[Any]) -> None:
+        self._memory = memory
+        address = np.frombuffer(memory, np.uint8).ctypes.data
+        self.__array_interface__ = {"shape": (count,), "typestr": kind.str, "data": (address, False), "version": 3}
+
+    def __del__(self) -> None:
+        give_back(self._memory)
+
+
+def empty(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Return an array like `numpy.empty`, which begins with a cache line; a large one in a block that was kept."""
+    kind = np.dtype(dtype)
+    count = math.prod(shape) if isinstance(shape, tuple) else shape
+    size = count * kind.itemsize
+    if size < LEAST or not hasattr(mmap, "MADV_FREE"):
+        return _aligned(count, kind).reshape(shape)
+    return np.asarray(_Block(_take(-(-size // _PAGE) * _PAGE), count, kind)).reshape(shape)
+
+
+def give_back(memory: mmap.mmap) -> None:
+    """Keep a block, unless that is too much; the system may take its pages when it runs short of them."""
+    with _lock:
+        if sum(map(len, _kept)) + len(memory) <= MOST:
+            memory.madvise(mmap.MADV_FREE)
+            _kept.append(memory)
+
+
+def _take(size: int) -> mmap.mmap:
+    """The smallest block that is kept and large enough, not twice so; else a new one, and what is too much goes."""
+    with _lock:
+        fitting = [memory for memory in _kept if size <= len(memory) < 2 * size]
+        if fitting:
+            chosen = min(fitting, key=len)
+            del _kept[next(k for k, memory in enumerate(_kept) if memory is chosen)]
+            return chosen
+        while _kept and sum(map(len, _kept)) + size > MOST:
+            del _kept[0]
+    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    if hasattr(mmap, "MADV_HUGEPAGE"):
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
+
+
+def _aligned(count: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """An array of the heap, from a cache line on."""
+    held = np.empty(count + _LINE // kind.itemsize, kind)
+    first = -held.ctypes.data % _LINE // kind.itemsize
+    return held[first : first + count]
