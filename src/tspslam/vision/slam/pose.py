@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from ..._brief import Brief
 from ..._checks import is_rigid, told
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...types import Cloud, FloatArray, Rig
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
-from .least_squares.bundle import lens_of, minimise
+from .least_squares.bundle import NO_SOLUTION, SEARCH, lens_of
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
 _SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters are outliers
-_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 
 @dataclass(frozen=True, repr=False)
@@ -215,24 +214,14 @@ def fit_pose(
     >>> bool(np.abs(found.T_world_camera - np.eye(4)).max() < 1e-6)
     True
     """
-    from .least_squares._kernels import distances, pose_equations, pose_step
+    from .least_squares._kernels import fit_camera
 
-    T, lens, weights = inverse(T_world_camera), lens_of(rig), np.empty((len(xyz), 2))
+    T, weights = inverse(T_world_camera), np.empty((len(xyz), 2))
     weights[:, 0], weights[:, 1] = sigma[0] ** -2.0, np.asarray(sigma[1]) ** -2.0
-    known = xyz, seen, weights, huber
-
-    def propose(state: _State, damping: float) -> _State | None:
-        R, t, S, b = state[:4]
-        after = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
-        cost = pose_step(lens, R, t, *known, S, b, damping, *after)
-        return None if cost < 0 else (*after, cost)
-
-    R, t, S, b = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(6)
-    start = R, t, S, b, pose_equations(lens, R, t, *known, S, b)
-    found = minimise("pose", start, lambda state: state[4], propose, max_steps)
-    R, t, information, _, _ = found.state
-    distance = np.empty(len(xyz))
-    distances(lens, R, t, xyz, seen, weights, distance)
+    R, t, information, distance = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(len(xyz))
+    steps = fit_camera(lens_of(rig), R, t, xyz, seen, weights, huber, SEARCH, max_steps, information, distance)
+    if steps < 0:
+        raise GeometryError(f"pose: {NO_SOLUTION}")
     T[:3, :3], T[:3, 3] = R, t
     return PoseFit(inverse(T), information, distance)
 

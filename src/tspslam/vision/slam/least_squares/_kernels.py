@@ -322,28 +322,41 @@ def _turned(R: Float64, t: Float64, x: Float64, R_new: Float64, t_new: Float64) 
 
 
 @kernel
-def pose_step(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float, S: Float64,
-    b: Float64, damping: float, R_new: Float64, t_new: Float64, S_new: Float64, b_new: Float64,
-) -> float:  # fmt: skip
-    """Fill the pose after a damped step from R, t, and its equations; returns its cost, -1 if there is no solution."""
-    x = np.empty(6)
-    if not _solve(S, b, damping, x):
-        return -1.0
-    _turned(R, t, x, R_new, t_new)
-    return pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
+def fit_camera(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float,
+    search: tuple[float, float, float, float], most: int, S: Float64, distance: Float64,
+) -> int:  # fmt: skip
+    """Move a camera R, t to where it sees X (M, 3) best at `seen` (M, 3), in at most so many steps of `minimise`.
 
-
-@kernel
-def distances(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, distance: Float64
-) -> None:
-    """Length of each residual (M,) in standard deviations; infinity where the point is behind the camera."""
-    p, r = np.empty(3), np.empty(3)
+    `search` is the first damping, the least, the largest, and the relative decrease of the cost that is enough. S
+    (6, 6) receives the normal equations there, `distance` (M,) the length of each residual in standard deviations:
+    infinity where the point is behind. Returns the number of steps; -1 if the equations of one have no solution.
+    """
+    damping, least, largest, enough = search
+    b, x, p, r = np.empty(6), np.empty(6), np.empty(3), np.empty(3)
+    R_new, t_new, S_new, b_new = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
+    before, steps = pose_equations(lens, R, t, X, seen, information, width, S, b), 0
+    while steps < most:
+        is_solvable, is_lower, cost = False, False, before
+        while damping <= largest and not is_lower:
+            if _solve(S, b, damping, x):
+                _turned(R, t, x, R_new, t_new)
+                cost = pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
+                is_solvable, is_lower = True, cost <= before
+            damping = max(damping / 10, least) if is_lower else damping * 10
+        if not is_solvable:
+            return -1
+        if not is_lower:
+            break
+        R[:], t[:], S[:], b[:] = R_new, t_new, S_new, b_new
+        steps, is_enough, before = steps + 1, before - cost <= enough * before, cost
+        if is_enough:
+            break
     for m in range(X.shape[0]):
         distance[m] = np.inf
         if residual(lens, R, t, X[m], seen[m], p, r):
             distance[m] = np.sqrt(square_of(r, information[m]))
+    return steps
 
 
 @reassociated_kernel
