@@ -147,11 +147,12 @@ def _prepare(
 
 @kernel
 def track_level(
-    reference: Float32, current: Float32, place: Float64, warp: Float64, radius: int, contrast: float, reach: float,
-    uv: Float64, score: Float64,
+    reference: Float32, current: Float32, place: Float64, warp: Float64, size: float, radius: int, contrast: float,
+    reach: float, uv: Float64, score: Float64,
 ) -> None:  # fmt: skip
     """Find patches of the reference around `place` (N, 2) again near `uv` (N, 2), which is improved in place.
 
+    Both are px of the full size, of which one at this level is `size`; `reach` is px of the level.
     Inverse compositional alignment (Baker and Matthews 2004) with gain and offset of brightness. `warp` (N, 2, 2)
     takes offsets in the current image to offsets in the reference. `score` (N,) receives the correlation, -1 where
     the iteration did not converge within `reach` px of its start; `uv` then stays.
@@ -161,7 +162,7 @@ def track_level(
     blocks = -(-side // LANES)
     factors = np.zeros((4, side, blocks * LANES), np.float32)
     weight, template, gu, gv, flat = factors[0], factors[1], factors[2], factors[3], factors.ravel()
-    taps, images = np.empty(8, np.float32), (reference.ravel(), current.ravel())
+    taps, images, here = np.empty(8, np.float32), (reference.ravel(), current.ravel()), np.empty(2)
     across, down = taps[:4], taps[4:]
     height, width = current.shape
     last = height * width - (side + 2) * width - blocks * LANES - 3  # beyond which pixels after the image are read
@@ -169,16 +170,18 @@ def track_level(
     for i in range(place.shape[0]):
         score[i] = -1
         if i + 1 < place.shape[0]:
-            prefetch_square(images[0], reference.shape, place[i + 1, 0], place[i + 1, 1], radius + 3)
-            prefetch_square(images[1], current.shape, uv[i + 1, 0], uv[i + 1, 1], radius + 3)
-        if not _sample_warped(reference, place[i], warp[i], patch):
+            prefetch_square(images[0], reference.shape, place[i + 1, 0] / size, place[i + 1, 1] / size, radius + 3)
+            prefetch_square(images[1], current.shape, uv[i + 1, 0] / size, uv[i + 1, 1] / size, radius + 3)
+        here[0], here[1] = place[i, 0] / size, place[i, 1] / size
+        if not _sample_warped(reference, here, warp[i], patch):
             continue
         prepared = _prepare(patch, contrast, away, weight, template, gu, gv)
         total, mean_t, mean_u, mean_v, variance, along0, down0, uu, cross, vv = prepared
         determinant = uu * vv - cross * cross
         if not (variance > _MIN_VARIANCE and determinant > _MIN_SHAPE * (uu + vv) * (uu + vv)):
             continue
-        u, v, middle = uv[i, 0], uv[i, 1], patch[radius + 1, radius + 1]
+        start_u, start_v, middle = uv[i, 0] / size, uv[i, 1] / size, patch[radius + 1, radius + 1]
+        u, v = start_u, start_v
         for _ in range(_STEPS):
             left, top = u - radius, v - radius
             x, y = int(np.floor(left)), int(np.floor(top))
@@ -200,8 +203,8 @@ def track_level(
             du, dv = (vv * a - cross * b) / determinant, (uu * b - cross * a) / determinant
             u -= min(max(du, -2.0), 2.0)
             v -= min(max(dv, -2.0), 2.0)
-            if abs(u - uv[i, 0]) > reach or abs(v - uv[i, 1]) > reach:
+            if abs(u - start_u) > reach or abs(v - start_v) > reach:
                 break
             if abs(du) + abs(dv) < _CONVERGED:
-                uv[i, 0], uv[i, 1], score[i] = u, v, shared / np.sqrt(variance * spread)
+                uv[i, 0], uv[i, 1], score[i] = u * size, v * size, shared / np.sqrt(variance * spread)
                 break

@@ -147,13 +147,11 @@ def _track_rows(
     """Some of the points of an image, from level to level; `uv` and `score`, of these alone, are changed."""
     from ._patch_tracking import track_level
 
-    given = patch.radius, patch.contrast, patch.reach
+    place, warp, given = sought.place[rows], sought.warp[rows], (patch.radius, patch.contrast, patch.reach)
     if len(uv):
         for level in levels:
-            size, planes = 2.0**level, (sought.reference.levels[level], current.levels[level])
-            uv /= size
-            track_level(*planes, sought.place[rows] / size, sought.warp[rows], *given, uv, score)
-            uv *= size
+            planes = sought.reference.levels[level], current.levels[level]
+            track_level(*planes, place, warp, 2.0**level, *given, uv, score)
 
 
 def aim_patches(

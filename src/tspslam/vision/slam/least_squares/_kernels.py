@@ -322,21 +322,20 @@ def _turned(R: Float64, t: Float64, x: Float64, R_new: Float64, t_new: Float64) 
 
 
 @kernel
-def fit_camera(
+def _descend(
     lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float,
-    search: tuple[float, float, float, float], most: int, S: Float64, distance: Float64,
-) -> int:  # fmt: skip
-    """Move a camera R, t to where it sees X (M, 3) best at `seen` (M, 3), in at most so many steps of `minimise`.
+    search: tuple[float, float, float, float], most: int, S: Float64,
+) -> bool:  # fmt: skip
+    """Move a camera in at most so many steps of `minimise`; False if the equations of one have no solution.
 
     `search` is the first damping, the least, the largest, and the relative decrease of the cost that is enough. S
-    (6, 6) receives the normal equations there, `distance` (M,) the length of each residual in standard deviations:
-    infinity where the point is behind. Returns the number of steps; -1 if the equations of one have no solution.
+    (6, 6) receives the normal equations there.
     """
     damping, least, largest, enough = search
-    b, x, p, r = np.empty(6), np.empty(6), np.empty(3), np.empty(3)
-    R_new, t_new, S_new, b_new = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
-    before, steps = pose_equations(lens, R, t, X, seen, information, width, S, b), 0
-    while steps < most:
+    b, x, b_new = np.empty(6), np.empty(6), np.empty(6)
+    R_new, t_new, S_new = np.empty((3, 3)), np.empty(3), np.empty((6, 6))
+    before = pose_equations(lens, R, t, X, seen, information, width, S, b)
+    for _ in range(most):
         is_solvable, is_lower, cost = False, False, before
         while damping <= largest and not is_lower:
             if _solve(S, b, damping, x):
@@ -344,19 +343,47 @@ def fit_camera(
                 cost = pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
                 is_solvable, is_lower = True, cost <= before
             damping = max(damping / 10, least) if is_lower else damping * 10
-        if not is_solvable:
-            return -1
         if not is_lower:
-            break
+            return is_solvable
         R[:], t[:], S[:], b[:] = R_new, t_new, S_new, b_new
-        steps, is_enough, before = steps + 1, before - cost <= enough * before, cost
+        is_enough, before = before - cost <= enough * before, cost
         if is_enough:
             break
-    for m in range(X.shape[0]):
-        distance[m] = np.inf
-        if residual(lens, R, t, X[m], seen[m], p, r):
-            distance[m] = np.sqrt(square_of(r, information[m]))
-    return steps
+    return True
+
+
+@kernel
+def fit_camera(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float,
+    search: tuple[float, float, float, float], gates: Float64, fewest: int, steps: tuple[int, int], rows: Int64,
+    S: Float64, distance: Float64,
+) -> int:  # fmt: skip
+    """Move a camera R, t to where it sees X (M, 3) best at `seen` (M, 3), with fewer and fewer outliers.
+
+    For each of the gates it is moved, in at most ``steps[0]`` steps, and points whose residuals are longer, in standard
+    deviations, are dropped: the others move up in X, `seen`, `information` and `rows` (M,). Then it is moved in at most
+    ``steps[1]``. S (6, 6) receives the normal equations there, `distance` (M,) the length of each residual: infinity
+    where the point is behind. Returns how many points are left, as soon as these are fewer than `fewest`; -1 if the
+    equations of a step have no solution.
+    """
+    p, r, count = np.empty(3), np.empty(3), X.shape[0]
+    for turn in range(gates.shape[0] + 1):
+        is_last = turn == gates.shape[0]
+        if count < fewest:
+            return count
+        given, most = (X[:count], seen[:count], information[:count]), steps[1] if is_last else steps[0]
+        if not _descend(lens, R, t, *given, width, search, most, S):
+            return -1
+        left = 0
+        for m in range(count):
+            distance[m] = np.inf
+            if residual(lens, R, t, X[m], seen[m], p, r):
+                distance[m] = np.sqrt(square_of(r, information[m]))
+            if not is_last and distance[m] <= gates[turn]:
+                X[left], seen[left], information[left], rows[left] = X[m], seen[m], information[m], rows[m]
+                left += 1
+        count = count if is_last else left
+    return count
 
 
 @reassociated_kernel
