@@ -69,20 +69,6 @@ class Alignment(Brief):
     gain: FloatArray
     good: BoolArray
 
-    def where(self, mask: BoolArray) -> Alignment:
-        """Rows where `mask` holds.
-
-        Parameters
-        ----------
-        mask : (N,) bool
-            Rows to keep.
-
-        Returns
-        -------
-        Alignment
-        """
-        return Alignment(self.disparity[mask], self.score[mask], self.gain[mask], self.good[mask])
-
 
 def shift_rows(plane: Plane, offset: float) -> Plane:
     """Interpolate a plane at rows moved by an offset: ``out[v] = plane[v + offset]``, six points, edges repeated.
@@ -176,12 +162,8 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, patch
     """
     from ._patches import align_rows
 
-    xy = np.rint(uv).astype(np.int64)
-    found = np.empty((len(xy), 4))
-    in_halves(
-        lambda part: align_rows(first, second, xy[part], -start[part], patches.radius, patches.contrast, found[part]),
-        len(xy),
-    )
+    found = np.empty((len(uv), 4))
+    align_rows(first, second, np.rint(uv).astype(np.int64), -start, patches.radius, patches.contrast, found)
     return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
 
 
