@@ -97,10 +97,10 @@ def shift_rows(plane: Plane, offset: float) -> Plane:
     whole = int(np.floor(offset))
     taps = np.empty(6, np.float32)
     lagrange_taps(offset - whole, taps)
-    reach = abs(whole) + 3
-    column = np.zeros(2 * reach + 1, np.float32)
-    column[reach + whole - 2 : reach + whole + 4] = taps
-    shifted: Plane = cv2.sepFilter2D(plane, cv2.CV_32F, np.ones(1, np.float32), column, borderType=cv2.BORDER_REPLICATE)
+    above, below = min(whole - 2, 0), max(whole + 3, 0)  # rows that are summed up, with that of the sum among them
+    column = np.zeros((below - above + 1, 1), np.float32)
+    column[whole - 2 - above : whole + 4 - above, 0] = taps
+    shifted: Plane = cv2.filter2D(plane, cv2.CV_32F, column, anchor=(0, -above), borderType=cv2.BORDER_REPLICATE)
     return shifted
 
 

@@ -129,9 +129,9 @@ def reduce(
     """Normal equations of the cameras that move, with the points eliminated (Schur complement).
 
     `row` numbers those cameras from 0, -1 for the others; `start` (M + 1,) bounds the observations of each point.
-    Fills S (6K, 6K) and b (6K,), with one row more where the offset of disparities is free; and for the way back
-    W (O, 6, 3), V (M, 3, 3) inverse, g (M, 3) and U (M, 3), the offset's part. Points stay where they are unless
-    `moving`. Diagonals grow by the factor 1 + damping.
+    Fills S (6K, 6K), of which the lower half counts, and b (6K,), with one row more where the offset of disparities is
+    free; and for the way back W (O, 6, 3), V (M, 3, 3) inverse, g (M, 3) and U (M, 3), the offset's part. Points stay
+    where they are unless `moving`. Diagonals grow by the factor 1 + damping.
     """
     p, r, J, G = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     A = np.empty((3, 3))
@@ -171,7 +171,6 @@ def reduce(
                     W[o, i, j] = w[0] * J[0, i] * G[0, j] + w[1] * J[1, i] * G[1, j] + w[2] * J[2, i] * G[2, j]
                 b[first + i] += w[0] * J[0, i] * r[0] + w[1] * J[1, i] * r[1] + w[2] * J[2, i] * r[2]
                 if has_offset and has_disparity:
-                    S[first + i, last] += w[2] * J[2, i]
                     S[last, first + i] += w[2] * J[2, i]
         for i in range(3):
             A[i, i] = A[i, i] * (1 + damping) + 1e-9
@@ -188,7 +187,7 @@ def _eliminate(
     pose: Int32, start: Int64, row: Int32, has_offset: bool, S: Float64, b: Float64, W: Float64, V: Float64, g: Float64,
     U: Float64,
 ) -> None:  # fmt: skip
-    """Take the points out of the equations: ``S - W V Wᵀ``, ``b - W V g``."""
+    """Take the points out of the equations: ``S - W V Wᵀ`` (its lower half), ``b - W V g``."""
     Y, last = np.empty((6, 3)), S.shape[0] - 1
     for m in range(V.shape[0]):
         if has_offset:
@@ -205,12 +204,10 @@ def _eliminate(
                     Y[i, j] = W[o, i, 0] * V[m, 0, j] + W[o, i, 1] * V[m, 1, j] + W[o, i, 2] * V[m, 2, j]
                 b[first + i] -= Y[i, 0] * g[m, 0] + Y[i, 1] * g[m, 1] + Y[i, 2] * g[m, 2]
                 if has_offset:
-                    shared = Y[i, 0] * U[m, 0] + Y[i, 1] * U[m, 1] + Y[i, 2] * U[m, 2]
-                    S[first + i, last] -= shared
-                    S[last, first + i] -= shared
+                    S[last, first + i] -= Y[i, 0] * U[m, 0] + Y[i, 1] * U[m, 1] + Y[i, 2] * U[m, 2]
             for other in range(start[m], start[m + 1]):
                 second = row[pose[other]] * 6
-                if second < 0:
+                if second < 0 or second > first:
                     continue
                 for i in range(6):
                     for j in range(6):
