@@ -120,16 +120,15 @@ class OrbDetector(Checked, what="orb"):
         )
         return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
 
-    def _describe(
-        self, planes: list[NDArray[np.uint8]], corners: _Corners, angle: NDArray[np.float64]
-    ) -> Features:  # fmt: skip
-        """ORB's descriptors, octave by octave: OpenCV is spared to make these anew."""
+    def _describe(self, planes: list[NDArray[np.uint8]], corners: _Corners, angle: NDArray[np.float64]) -> Features:
+        """ORB's descriptors, octave by octave: of the whole image OpenCV would make these anew."""
         import cv2
 
         orb = cv2.ORB.create(nlevels=1, edgeThreshold=_EDGE, patchSize=_PATCH)
         descriptor, degrees = np.empty((len(angle), 32), np.uint8), np.degrees(angle)
         for plane, rows in zip(planes, _octaves(corners, len(planes)), strict=True):
-            keypoints = cv2.KeyPoint.convert(corners.xy[rows].astype(np.float32), size=_PATCH)
+            places: Any = corners.xy[rows].astype(np.float32)
+            keypoints = cv2.KeyPoint.convert(places, size=_PATCH)
             for keypoint, direction in zip(keypoints, degrees[rows].tolist(), strict=True):
                 keypoint.angle = direction
             if keypoints:
