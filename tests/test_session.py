@@ -16,6 +16,7 @@ from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
 from tspslam.run.summary import summarize_run
 from tspslam.vision.slam.back_end.disparity_bias import DisparityBias
+from tspslam.vision.slam.back_end.jobs import AdjustmentJob
 from tspslam.vision.slam.odometry import Tracked
 from tspslam.vision.stereo.descriptor_matcher import DescriptorMatcher
 from tspslam.vision.stereo.row_matcher import RowMatcher, search_near
@@ -73,6 +74,29 @@ def test_a_closed_session_takes_no_pair_and_leaves_no_thread(walk):
     assert threading.active_count() <= before
     with pytest.raises(InputError, match="session is closed"):
         session.process(walk[0][1])
+
+
+def test_a_keyframe_s_complex_waits_for_the_adjustment_that_tracking_waits_for(walk, monkeypatch):
+    order, is_begun, solve, surface = [], threading.Event(), AdjustmentJob.solve, STAGES.surface
+
+    def make_surface(cloud):
+        order.append("surface")
+        is_begun.set()
+        return surface(cloud)
+
+    def adjust(job):
+        is_begun.clear()
+        is_begun.wait(0.3)  # in vain
+        order.append("adjustment")
+        return solve(job)
+
+    monkeypatch.setattr(AdjustmentJob, "solve", adjust)
+    with Session(RIG, replace(STAGES, surface=make_surface)) as session:
+        frames = [session.process(pair) for pair in walk[0]]
+        session.finish()
+    keyframes = sum(frame.is_keyframe for frame in frames)
+    assert keyframes > 2
+    assert order[: 2 * keyframes - 1] == ["surface", *["adjustment", "surface"] * (keyframes - 1)]
 
 
 @pytest.mark.parametrize("error", [GeometryError("no surface"), ZeroDivisionError("of the user's own")])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from .errors import InputError
@@ -57,7 +57,7 @@ def both(function: Callable[[A], B], items: tuple[A, A]) -> tuple[B, B]:
     try:
         second = function(items[1])
     finally:
-        wait([first])  # nothing goes on behind the back of an error
+        first.exception()  # waits: nothing goes on behind the back of an error
     return first.result(), second
 
 

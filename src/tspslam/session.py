@@ -244,11 +244,17 @@ class Session:
         frame = _build_frame(_plain(pair), tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
             self._wait()  # so that no more than one frame waits
-            self._busy = self._worker.submit(getattr, frame, "response")  # what fails is raised when it is asked for
+            ahead = self.odometry.mapper.adjustment if isinstance(self.odometry, StereoOdometry) else None
+            self._busy = self._worker.submit(_respond, frame, ahead)
         if frame.is_keyframe and self._keeps:
             self._keep(frame)
         self._count += 1
         return frame
+
+    @property
+    def busy(self) -> Future[Any] | None:
+        """What computes the points to the response of the last keyframe; None before the first one."""
+        return self._busy
 
     def _keep(self, frame: Frame) -> None:
         """Keep a keyframe, and let go of those that the map rests on no more."""
@@ -308,6 +314,13 @@ class Session:
         """Wait for the frame whose response is being computed, if any."""
         if self._busy:
             wait([self._busy])
+
+
+def _respond(frame: Frame, ahead: Future[Any] | None) -> None:
+    """Compute a frame's response, after the adjustment that tracking will wait for: there may be two cores only."""
+    if ahead is not None:
+        wait([ahead])
+    _ = frame.response  # what fails is raised when it is asked for
 
 
 def _own(pair: StereoPair) -> StereoPair:

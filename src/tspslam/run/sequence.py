@@ -6,7 +6,7 @@ import itertools
 import logging
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -253,8 +253,14 @@ class SequenceRun:
         self.seconds[frame.name] = frame.seconds
         if self.session.settings.tracking.every_frame or frame.is_keyframe or frame.is_lost:
             self._wait_for_writing(_BACKLOG)
-            self._writing.append((place, self._writer.submit(self._store, frame, row)))
+            self._writing.append((place, self._writer.submit(self._store_after, self.session.busy, frame, row)))
         return frame
+
+    def _store_after(self, busy: Future[object] | None, frame: Frame, row: FrameRecord) -> FrameRecord:
+        """Write a frame once the session has computed it: else it would be computed here, while tracking goes on."""
+        if busy is not None:
+            wait([busy])
+        return self._store(frame, row)
 
     def _begun(self, index: int) -> Session:
         """The session, which is told if a pair is the first one of a further recording that is processed."""

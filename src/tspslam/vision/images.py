@@ -53,9 +53,12 @@ def grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _rounded(image: NDArray[Any], luminance: Callable[[], Plane]) -> NDArray[np.uint8]:
-    if image.ndim == 2 and image.dtype == np.uint8:
-        return np.ascontiguousarray(image)
-    return np.rint(luminance()).astype(np.uint8)
+    return np.ascontiguousarray(image) if _is_plain(image) else np.rint(luminance()).astype(np.uint8)
+
+
+def _is_plain(image: NDArray[Any]) -> bool:
+    """Whether an image is grey levels as they are."""
+    return image.ndim == 2 and image.dtype == np.uint8 and image.size > 0
 
 
 def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
@@ -91,6 +94,8 @@ def luminance_levels(image: NDArray[Any]) -> NDArray[np.float32]:
         import cv2
 
         plane = cv2.cvtColor(plane, cv2.COLOR_RGB2GRAY)  # Rec. 601
+    if _is_plain(image):
+        return plane
     if to_grey != 1.0:
         plane *= np.float32(to_grey)
     return np.clip(plane, 0, 255, out=plane)
@@ -118,13 +123,15 @@ def smooth_plane(image: NDArray[Any]) -> Plane:
     >>> float(smooth_plane(np.full((5, 5), 51, np.uint8))[2, 2])
     51.0
     """
-    return _smoothed(luminance_levels(image))
+    return _smoothed(image, lambda: luminance_levels(image))
 
 
-def _smoothed(luminance: Plane) -> Plane:
+def _smoothed(image: NDArray[Any], luminance: Callable[[], Plane]) -> Plane:
     import cv2
 
-    plane: Plane = cv2.GaussianBlur(luminance, (5, 5), _SMOOTHING)
+    levels = np.ascontiguousarray(image) if _is_plain(image) else luminance()
+    taps = cv2.getGaussianKernel(5, _SMOOTHING, cv2.CV_32F)
+    plane: Plane = cv2.sepFilter2D(levels, cv2.CV_32F, taps, taps)
     return plane
 
 
@@ -253,7 +260,7 @@ class PreparedImage(Brief):
     @cached_property
     def smooth(self) -> Plane:
         """Luminance smoothed, (H, W) float32: what patches are compared on."""
-        return _smoothed(self.luminance)
+        return _smoothed(self.image, lambda: self.luminance)
 
     @cached_property
     def pyramid(self) -> Pyramid:

@@ -170,6 +170,19 @@ def test_orientation_turns_with_the_image() -> None:
         assert abs(angle[0] - turn) < 0.01
 
 
+def test_descriptors_are_opencv_s_of_the_whole_image(pair: StereoPair) -> None:
+    grey = grey_levels(pair.left)
+    found = OrbDetector(count=500)(grey)
+    scale = found.scale.astype(np.float64)
+    octave = np.rint(np.log(scale) / np.log(1.2)).astype(int)
+    assert octave.max() > 3
+    places = found.uv - (scale[:, None] - 1) / 2
+    columns = (*places.T, 31 * scale, np.degrees(found.angle), found.score, octave)
+    keypoints = [cv2.KeyPoint(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    expected = cv2.ORB.create(scaleFactor=1.2, nlevels=8, edgeThreshold=19).compute(grey, keypoints)[1]
+    assert np.unpackbits(found.descriptor ^ expected).mean() < 0.001
+
+
 def test_ranking_is_stable_by_falling_strength() -> None:
     strength = np.array([1.0, 5.0, 1.0, 0.25, 5.0, 3e7], np.float32)
     np.testing.assert_array_equal(_strongest_first(strength), np.argsort(-strength, kind="stable"))

@@ -9,7 +9,7 @@ from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.least_squares import _kernels as _least_squares
 from tspslam.vision.slam.least_squares._kernels import pose_equations
 from tspslam.vision.slam.least_squares.bundle import Observations, adjust
-from tspslam.vision.slam.pose import fit_pose, lens_of
+from tspslam.vision.slam.pose import PoseEstimate, fit_pose, fit_robustly, lens_of
 
 from .test_bundle import RIG, seen_by, world
 
@@ -105,11 +105,21 @@ def test_points_that_are_nowhere_fix_no_pose():
 
 
 def test_it_asks_nothing_of_bundle_adjustment_and_stops_where_it_has_settled(monkeypatch):
-    """Each step is one pass over the observations: more steps allowed are none taken."""
-
-    passes, step = [], _least_squares.pose_step
+    """More steps allowed are none taken."""
     monkeypatch.setattr(_least_squares, "reduce", None)
-    monkeypatch.setattr(_least_squares, "pose_step", lambda *given: (passes.append(1), step(*given))[1])
     _, xyz, seen = observations(points=60)
-    fit_pose(RIG, np.eye(4), xyz, seen, SIGMA, max_steps=100)
-    assert 1 <= len(passes) <= 11
+    some, most = (fit_pose(RIG, np.eye(4), xyz, seen, SIGMA, max_steps=steps) for steps in (11, 100))
+    np.testing.assert_array_equal(some.T_world_camera, most.T_world_camera)
+
+
+def test_gates_drop_outliers_one_after_another():
+    T, xyz, seen = observations(points=60, noise=0.3, wild=10)
+    seen[10, 0] += 4.0
+    given = PoseEstimate(T, np.arange(60), seen[:, :2], seen[:, 2], np.eye(6))
+    wide, narrow = (fit_robustly(RIG, xyz, given, SIGMA, gates, 15) for gates in ((9.0,), (9.0, 3.0)))
+    assert wide.landmark.tolist() == list(range(10, 60))
+    assert narrow.landmark.tolist() == list(range(11, 60))
+    once = fit_pose(RIG, narrow.T_world_camera, xyz[11:], seen[11:], SIGMA, max_steps=0)
+    np.testing.assert_allclose(np.linalg.inv(narrow.covariance), once.information, rtol=1e-6, atol=1e-3)
+    assert fit_robustly(RIG, xyz, given, SIGMA, (9.0,), 51) is None
+    np.testing.assert_array_equal(given.uv, seen[:, :2])

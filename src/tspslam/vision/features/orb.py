@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,10 +90,10 @@ class OrbDetector(Checked, what="orb"):
         """
         check_plane("orb", grey)
         planes = self._pyramid(np.ascontiguousarray(grey))
-        corners = self._choose(_all_corners(planes, self.fast_threshold), grey.shape)
+        corners = self._choose(_all_corners(planes, self.fast_threshold), grey.shape, len(planes))
         if len(corners.xy) == 0:
             return no_features(32, np.uint8)
-        return self._describe(grey, corners, _orientations(planes, corners))
+        return self._describe(planes, corners, _orientations(planes, corners))
 
     def _pyramid(self, grey: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Octaves that are larger than the margins, each resampled from the one before."""
@@ -109,33 +110,45 @@ class OrbDetector(Checked, what="orb"):
             planes.append(level)
         return planes
 
-    def _choose(self, corners: _Corners, shape: tuple[int, ...]) -> _Corners:
+    def _choose(self, corners: _Corners, shape: tuple[int, ...], levels: int) -> _Corners:
         """Spread choice of the corners, sorted by octave."""
         height, width = shape
-        uv = np.minimum(_full_size(corners, self.scale_factor), (width - 1, height - 1))
+        uv = self._full_size(corners, levels)
+        np.minimum(uv, (width - 1, height - 1), out=uv)
         chosen = choose_evenly(
             uv, corners.strength, (height, width), self.count, per_cell=self.per_cell, spacing=self.spacing
         )
         return _Corners(corners.xy[chosen], corners.octave[chosen], corners.strength[chosen])
 
-    def _describe(self, grey: NDArray[np.uint8], corners: _Corners, angle: NDArray[np.float64]) -> Features:
-        """ORB's descriptors of the blurred octaves."""
+    def _describe(self, planes: list[NDArray[np.uint8]], corners: _Corners, angle: NDArray[np.float64]) -> Features:
+        """ORB's descriptors, octave by octave: of the whole image OpenCV would make these anew."""
         import cv2
 
-        scale = _scales(corners, self.scale_factor)
-        # OpenCV places a keypoint at its level coordinates times the scale.
-        places = corners.xy * scale[:, None]
-        columns = places[:, 0], places[:, 1], scale * _PATCH, np.degrees(angle), corners.strength, corners.octave
-        keypoints = list(map(cv2.KeyPoint, *(column.tolist() for column in columns)))
-        orb = cv2.ORB.create(
-            scaleFactor=self.scale_factor, nlevels=int(corners.octave.max()) + 1, edgeThreshold=_EDGE, patchSize=_PATCH
-        )
-        described, descriptor = orb.compute(grey, keypoints)
-        assert len(described) == len(keypoints)  # the margins leave none at the border
-        uv = _full_size(corners, self.scale_factor)
-        return Features(
-            uv, np.asarray(descriptor, np.uint8), corners.strength, scale.astype(np.float32), angle.astype(np.float32)
-        )
+        orb = cv2.ORB.create(nlevels=1, edgeThreshold=_EDGE, patchSize=_PATCH)
+        descriptor, degrees = np.empty((len(angle), 32), np.uint8), np.degrees(angle)
+        for plane, rows in zip(planes, _octaves(corners, len(planes)), strict=True):
+            places: Any = corners.xy[rows].astype(np.float32)
+            keypoints = cv2.KeyPoint.convert(places, size=_PATCH)
+            for keypoint, direction in zip(keypoints, degrees[rows].tolist(), strict=True):
+                keypoint.angle = direction
+            if keypoints:
+                described, descriptor[rows] = orb.compute(plane, keypoints)
+                assert len(described) == len(keypoints)  # the margins leave none at the border
+        scale = self._scales(len(planes))[corners.octave]
+        uv = self._full_size(corners, len(planes))
+        return Features(uv, descriptor, corners.strength, scale.astype(np.float32), angle.astype(np.float32))
+
+    def _full_size(self, corners: _Corners, levels: int) -> NDArray[np.float64]:
+        """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
+        uv = corners.xy.astype(np.float64)
+        for scale, rows in zip(self._scales(levels), _octaves(corners, levels), strict=True):
+            uv[rows] *= scale
+            uv[rows] += (scale - 1) / 2
+        return uv
+
+    def _scales(self, levels: int) -> NDArray[np.float64]:
+        scales: NDArray[np.float64] = self.scale_factor ** np.arange(levels, dtype=np.float64)
+        return scales
 
 
 @dataclass(frozen=True)
@@ -163,20 +176,12 @@ def _orientations(planes: list[NDArray[np.uint8]], corners: _Corners) -> NDArray
     from ._corners import orientations
 
     angle = np.empty(len(corners.xy))
-    for octave, plane in enumerate(planes):
-        begin, end = np.searchsorted(corners.octave, (octave, octave + 1))
-        orientations(plane, corners.xy[begin:end], angle[begin:end])
+    for plane, rows in zip(planes, _octaves(corners, len(planes)), strict=True):
+        orientations(plane, corners.xy[rows], angle[rows])
     return angle
 
 
-def _full_size(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
-    """Places in the full image; a pixel's centre moves by (scale - 1) / 2."""
-    scale = _scales(corners, scale_factor)[:, None]
-    return corners.xy * scale + (scale - 1) / 2
-
-
-def _scales(corners: _Corners, scale_factor: float) -> NDArray[np.float64]:
-    """Scale of each corner's octave; powers take long for many corners, and octaves are few."""
-    octaves = np.arange(corners.octave.max(initial=0) + 1, dtype=np.float64)
-    scales: NDArray[np.float64] = (scale_factor**octaves)[corners.octave]
-    return scales
+def _octaves(corners: _Corners, levels: int) -> list[slice]:
+    """Rows of each octave's corners, which are sorted by octave."""
+    ends = np.searchsorted(corners.octave, np.arange(levels + 1)).tolist()
+    return [slice(*rows) for rows in itertools.pairwise(ends)]

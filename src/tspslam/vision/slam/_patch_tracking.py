@@ -10,6 +10,7 @@ from .._sampling import LANES, prefetch_square, sample_cubic, window_moments
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 Moments = tuple[np.float32, ...]
 
 _MIN_VARIANCE = np.float32(1.0)  # grey levels squared; below it a window has no texture
@@ -17,6 +18,42 @@ _CONVERGED, _STEPS = 0.01, 12  # px; iterations
 _PLACES = 512  # of a sample between two pixels
 _WHOLE, _HIDDEN = float(1 << 32), 23  # parts of a pixel; their bits that are too small for a place
 _MIN_SHAPE = 0.02  # smaller eigenvalue of the normal matrix over the larger one, about
+
+
+@kernel
+def aim(
+    lens: Float64, size: Int64, xyz: Float64, landmark: Int64, T_reference: Float64, T_current: Float64,
+    min_depth: float, max_zoom: float, warp: Float64, guess: Float64, in_view: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Fill `guess` (K, 2) with where a camera sees landmarks, `warp` (K, 2, 2) with what it does to their patches.
+
+    `in_view` (K,) tells which lie within its image of `size` (width, height), at least `min_depth` before it, and at
+    most `max_zoom` times nearer or farther than in the reference. Poses are ``T_world_camera``; `lens` begins with fx,
+    fy, cx, cy, skew. Warps are for patches that face the reference (`patch_tracking.compute_warps`).
+    """
+    fx, fy, cx, cy, skew = lens[0], lens[1], lens[2], lens[3], lens[4]
+    R = np.zeros((3, 3))  # from the reference to the current camera
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                R[i, j] += T_current[k, i] * T_reference[k, j]
+    for m in range(landmark.shape[0]):
+        X, x, y, z, before = xyz[landmark[m]], 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            away = X[k] - T_current[k, 3]
+            x, y, z = x + away * T_current[k, 0], y + away * T_current[k, 1], z + away * T_current[k, 2]
+            before += (X[k] - T_reference[k, 3]) * T_reference[k, 2]
+        ratio, tilt_x, tilt_y = before / z, x / z, y / z
+        u, v = cx + fx * tilt_x + skew * tilt_y, cy + fy * tilt_y
+        guess[m, 0], guess[m, 1] = u, v
+        is_alike = z > min_depth and ratio < max_zoom and ratio * max_zoom > 1
+        in_view[m] = is_alike and 0 <= u <= size[0] - 1 and 0 <= v <= size[1] - 1
+        # d(u, v) in the current image by d(u, v) in the reference
+        uu, uv = ratio * (R[0, 0] - tilt_x * R[2, 0]), ratio * (R[0, 1] - tilt_x * R[2, 1]) * (fx / fy)
+        vu, vv = ratio * (R[1, 0] - tilt_y * R[2, 0]) * (fy / fx), ratio * (R[1, 1] - tilt_y * R[2, 1])
+        determinant = uu * vv - uv * vu
+        warp[m, 0, 0], warp[m, 0, 1] = vv / determinant, -uv / determinant
+        warp[m, 1, 0], warp[m, 1, 1] = -vu / determinant, uu / determinant
 
 
 @inlined
@@ -110,11 +147,12 @@ def _prepare(
 
 @kernel
 def track_level(
-    reference: Float32, current: Float32, place: Float64, warp: Float64, radius: int, contrast: float, reach: float,
-    uv: Float64, score: Float64,
+    reference: Float32, current: Float32, place: Float64, warp: Float64, size: float, radius: int, contrast: float,
+    reach: float, uv: Float64, score: Float64,
 ) -> None:  # fmt: skip
     """Find patches of the reference around `place` (N, 2) again near `uv` (N, 2), which is improved in place.
 
+    Both are px of the full size, of which one at this level is `size`; `reach` is px of the level.
     Inverse compositional alignment (Baker and Matthews 2004) with gain and offset of brightness. `warp` (N, 2, 2)
     takes offsets in the current image to offsets in the reference. `score` (N,) receives the correlation, -1 where
     the iteration did not converge within `reach` px of its start; `uv` then stays.
@@ -124,7 +162,7 @@ def track_level(
     blocks = -(-side // LANES)
     factors = np.zeros((4, side, blocks * LANES), np.float32)
     weight, template, gu, gv, flat = factors[0], factors[1], factors[2], factors[3], factors.ravel()
-    taps, images = np.empty(8, np.float32), (reference.ravel(), current.ravel())
+    taps, images, here = np.empty(8, np.float32), (reference.ravel(), current.ravel()), np.empty(2)
     across, down = taps[:4], taps[4:]
     height, width = current.shape
     last = height * width - (side + 2) * width - blocks * LANES - 3  # beyond which pixels after the image are read
@@ -132,16 +170,18 @@ def track_level(
     for i in range(place.shape[0]):
         score[i] = -1
         if i + 1 < place.shape[0]:
-            prefetch_square(images[0], reference.shape, place[i + 1, 0], place[i + 1, 1], radius + 3)
-            prefetch_square(images[1], current.shape, uv[i + 1, 0], uv[i + 1, 1], radius + 3)
-        if not _sample_warped(reference, place[i], warp[i], patch):
+            prefetch_square(images[0], reference.shape, place[i + 1, 0] / size, place[i + 1, 1] / size, radius + 3)
+            prefetch_square(images[1], current.shape, uv[i + 1, 0] / size, uv[i + 1, 1] / size, radius + 3)
+        here[0], here[1] = place[i, 0] / size, place[i, 1] / size
+        if not _sample_warped(reference, here, warp[i], patch):
             continue
         prepared = _prepare(patch, contrast, away, weight, template, gu, gv)
         total, mean_t, mean_u, mean_v, variance, along0, down0, uu, cross, vv = prepared
         determinant = uu * vv - cross * cross
         if not (variance > _MIN_VARIANCE and determinant > _MIN_SHAPE * (uu + vv) * (uu + vv)):
             continue
-        u, v, middle = uv[i, 0], uv[i, 1], patch[radius + 1, radius + 1]
+        start_u, start_v, middle = uv[i, 0] / size, uv[i, 1] / size, patch[radius + 1, radius + 1]
+        u, v = start_u, start_v
         for _ in range(_STEPS):
             left, top = u - radius, v - radius
             x, y = int(np.floor(left)), int(np.floor(top))
@@ -163,8 +203,8 @@ def track_level(
             du, dv = (vv * a - cross * b) / determinant, (uu * b - cross * a) / determinant
             u -= min(max(du, -2.0), 2.0)
             v -= min(max(dv, -2.0), 2.0)
-            if abs(u - uv[i, 0]) > reach or abs(v - uv[i, 1]) > reach:
+            if abs(u - start_u) > reach or abs(v - start_v) > reach:
                 break
             if abs(du) + abs(dv) < _CONVERGED:
-                uv[i, 0], uv[i, 1], score[i] = u, v, shared / np.sqrt(variance * spread)
+                uv[i, 0], uv[i, 1], score[i] = u * size, v * size, shared / np.sqrt(variance * spread)
                 break

@@ -88,6 +88,11 @@ class LocalMapper:
         return self._asked is not None or self._closing is not None
 
     @property
+    def adjustment(self) -> Future[Adjustment | None] | None:
+        """The adjustment under way, for which tracking will wait; None if there is none."""
+        return None if self._asked is None else self._asked[1]
+
+    @property
     def is_correcting(self) -> bool:
         """Whether what closes a loop is under way."""
         return self._closing is not None

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._threads import both
 from ...types import BoolArray, FloatArray, Rig
 from ..images import Pyramid
+from ..se3 import inverse
+from .least_squares.bundle import lens_of
 
 _WORTH = 150  # points that make a second thread worth its start
 
@@ -144,13 +147,59 @@ def _track_rows(
     """Some of the points of an image, from level to level; `uv` and `score`, of these alone, are changed."""
     from ._patch_tracking import track_level
 
-    given = patch.radius, patch.contrast, patch.reach
+    place, warp, given = sought.place[rows], sought.warp[rows], (patch.radius, patch.contrast, patch.reach)
     if len(uv):
         for level in levels:
-            size, planes = 2.0**level, (sought.reference.levels[level], current.levels[level])
-            uv /= size
-            track_level(*planes, sought.place[rows] / size, sought.warp[rows], *given, uv, score)
-            uv *= size
+            planes = sought.reference.levels[level], current.levels[level]
+            track_level(*planes, place, warp, 2.0**level, *given, uv, score)
+
+
+def aim_patches(
+    rig: Rig, xyz: FloatArray, landmark: NDArray[np.int64], T_world_reference: FloatArray,
+    T_world_current: FloatArray, *, min_depth: float = 0.0, max_zoom: float = np.inf,
+) -> tuple[FloatArray, FloatArray, BoolArray]:  # fmt: skip
+    """Find where landmarks that one camera saw are expected in another's image, and how their patches look there.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    landmark : (K,) int64
+        Which of them.
+    T_world_reference, T_world_current : (4, 4) float64
+        Poses of the camera that saw them and of the other.
+    min_depth : float
+        Least depth in the other's image, m.
+    max_zoom : float
+        Largest ratio of the depths in both, either way.
+
+    Returns
+    -------
+    warp : (K, 2, 2) float64
+        As `compute_warps` gives them.
+    guess : (K, 2) float64
+        Where they are expected, px, also where that is outside.
+    in_view : (K,) bool
+        Whether they lie in the image, at depths within these limits.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> ahead, one = np.eye(4), np.array([[0.0, 0.2, 4.0]])
+    >>> ahead[2, 3] = 2.0
+    >>> warp, guess, in_view = aim_patches(rig, one, np.array([0]), np.eye(4), ahead)
+    >>> warp[0].tolist(), guess.tolist(), in_view.tolist()
+    ([[0.5, -0.0], [-0.0, 0.5]], [[320.0, 290.0]], [True])
+    """
+    from ._patch_tracking import aim
+
+    K = len(landmark)
+    found = np.empty((K, 2, 2)), np.empty((K, 2)), np.empty(K, np.bool_)
+    poses = np.ascontiguousarray(T_world_reference), np.ascontiguousarray(T_world_current)
+    aim(lens_of(rig), np.array([rig.width, rig.height]), xyz, landmark, *poses, min_depth, max_zoom, *found)
+    return found
 
 
 def compute_warps(rig: Rig, T: FloatArray, xyz: FloatArray) -> FloatArray:
@@ -169,14 +218,4 @@ def compute_warps(rig: Rig, T: FloatArray, xyz: FloatArray) -> FloatArray:
     -------
     (N, 2, 2) float64
     """
-    fx, fy = rig.fx, rig.fy
-    R, near = T[:3, :3], xyz @ T[:3, :3].T + T[:3, 3]
-    ratio = (xyz[:, 2] / near[:, 2])[:, None]
-    tilt = near[:, :2] / near[:, 2:]
-    # d(u, v) current / d(u, v) reference
-    by_u = ratio * (R[:2, 0] - tilt * R[2, 0]) * (1.0, fy / fx)
-    by_v = ratio * (R[:2, 1] - tilt * R[2, 1]) * (fx / fy, 1.0)
-    forth = np.stack([by_u, by_v], axis=-1)
-    determinant = forth[:, 0, 0] * forth[:, 1, 1] - forth[:, 0, 1] * forth[:, 1, 0]
-    back = np.stack([forth[:, 1, 1], -forth[:, 0, 1], -forth[:, 1, 0], forth[:, 0, 0]], axis=-1)
-    return (back / determinant[:, None]).reshape(-1, 2, 2)
+    return aim_patches(rig, np.ascontiguousarray(xyz), np.arange(len(xyz)), np.eye(4), inverse(T))[0]

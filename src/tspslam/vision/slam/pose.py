@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from ..._brief import Brief
 from ..._checks import is_rigid, told
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...types import Cloud, FloatArray, Rig
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
-from .least_squares.bundle import lens_of, minimise
+from .least_squares.bundle import NO_SOLUTION, SEARCH, lens_of
 
 _NOTHING = 1e-9 * np.eye(6)  # information added, so that all matrices have an inverse
+_HUBER, _STEPS = 2.5, 10  # standard deviations beyond which a cost is linear; Levenberg-Marquardt steps of a fit
 _SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters are outliers
-_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # R, t, their equations S, b, the cost
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,8 +173,8 @@ def fit_pose(
     seen: FloatArray,
     sigma: tuple[float, float | FloatArray],
     *,
-    huber: float = 2.5,
-    max_steps: int = 10,
+    huber: float = _HUBER,
+    max_steps: int = _STEPS,
 ) -> PoseFit:
     """Find the pose that agrees best with where known points are seen: `bundle.adjust` of a single camera, compiled.
 
@@ -215,26 +215,25 @@ def fit_pose(
     >>> bool(np.abs(found.T_world_camera - np.eye(4)).max() < 1e-6)
     True
     """
-    from .least_squares._kernels import distances, pose_equations, pose_step
+    return _fitted(rig, T_world_camera, xyz, seen, sigma, (), 0, (0, max_steps), huber)[0]
 
-    T, lens, weights = inverse(T_world_camera), lens_of(rig), np.empty((len(xyz), 2))
+
+def _fitted(
+    rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: FloatArray, sigma: tuple[float, float | FloatArray],
+    gates: tuple[float, ...], fewest: int, steps: tuple[int, int], huber: float = _HUBER,
+) -> tuple[PoseFit, NDArray[np.int64]]:  # fmt: skip
+    """The fit, and the rows that no gate drops; with gates, `xyz` and `seen` are written over."""
+    from .least_squares._kernels import fit_camera
+
+    T, weights, rows = inverse(T_world_camera), np.empty((len(xyz), 2)), np.arange(len(xyz))
     weights[:, 0], weights[:, 1] = sigma[0] ** -2.0, np.asarray(sigma[1]) ** -2.0
-    known = xyz, seen, weights, huber
-
-    def propose(state: _State, damping: float) -> _State | None:
-        R, t, S, b = state[:4]
-        after = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
-        cost = pose_step(lens, R, t, *known, S, b, damping, *after)
-        return None if cost < 0 else (*after, cost)
-
-    R, t, S, b = T[:3, :3].copy(), T[:3, 3].copy(), np.empty((6, 6)), np.empty(6)
-    start = R, t, S, b, pose_equations(lens, R, t, *known, S, b)
-    found = minimise("pose", start, lambda state: state[4], propose, max_steps)
-    R, t, information, _, _ = found.state
-    distance = np.empty(len(xyz))
-    distances(lens, R, t, xyz, seen, weights, distance)
-    T[:3, :3], T[:3, 3] = R, t
-    return PoseFit(inverse(T), information, distance)
+    pose, information, distance = (T[:3, :3].copy(), T[:3, 3].copy()), np.empty((6, 6)), np.empty(len(xyz))
+    known = xyz, seen, weights, huber, SEARCH, np.array(gates, np.float64), fewest, steps
+    count = fit_camera(lens_of(rig), *pose, *known, rows, information, distance)
+    if count < 0:
+        raise GeometryError(f"pose: {NO_SOLUTION}")
+    T[:3, :3], T[:3, 3] = pose
+    return PoseFit(inverse(T), information, distance), rows[:count]
 
 
 def fit_robustly(
@@ -262,20 +261,14 @@ def fit_robustly(
     -------
     PoseEstimate or None
     """
-    T, points = estimate.T_world_camera, xyz[estimate.landmark]
-    seen, left = np.column_stack([estimate.uv, estimate.disparity]), np.arange(len(estimate))
-    spread = np.broadcast_to(sigma[1], len(estimate))
-    for gate in gates:
-        if len(left) < min_matches:
-            return None
-        found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]))
-        T, left = found.T_world_camera, left[found.distance <= gate]
+    seen = np.column_stack([estimate.uv, estimate.disparity])
+    given = estimate.T_world_camera, xyz[estimate.landmark], seen, sigma, gates, min_matches, (_STEPS, 0)
+    found, left = _fitted(rig, *given)
     if len(left) < min_matches:
         return None
-    found = fit_pose(rig, T, points[left], seen[left], (sigma[0], spread[left]), max_steps=0)
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
     rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
-    return PoseEstimate(T, *rows, covariance, estimate.in_view, estimate.found)
+    return PoseEstimate(found.T_world_camera, *rows, covariance, estimate.in_view, estimate.found)
 
 
 def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._settings import Checked, setting
-from ...types import BoolArray, FloatArray, Rig
+from ...types import FloatArray, Rig
 from ..images import PreparedPair, Pyramid, are_usable
-from ..rig import project
-from ..se3 import inverse
 from ..stereo.dense import checked_map, sample_map, sample_sigma
 from ..stereo.matches import uv_right
 from ..stereo.row_matcher import SearchNear, level_rows
-from .patch_tracking import Patch, Sought, compute_warps, track_sought
+from .patch_tracking import Patch, Sought, aim_patches, track_sought
 from .pose import PoseEstimate, fit_robustly
 
 _Stage = tuple[range, float, tuple[float, ...], int]  # levels, spread of a point in px, gates, points
@@ -290,48 +288,31 @@ def _track(
     settings: TrackingSettings,
 ) -> PoseEstimate:  # fmt: skip
     """Where about `most` of the landmarks that should be seen from a pose are found in the image."""
-    visible = [_visible(rig, image, reference, xyz, T, settings) for reference in references]
-    in_view = sum(map(len, visible))
+    aimed = [_aim(rig, image, reference, xyz, T, settings) for reference in references]
+    in_view = sum(len(rows) for rows, _, _ in aimed)
     step = max(1, -(-in_view // most))
-    known = [_seek(rig, reference, rows[::step], xyz, T) for reference, rows in zip(references, visible, strict=True)]
-    found = track_sought([sought for sought, _ in known], image, levels, settings.patch)
+    known, landmarks = [], []
+    for reference, (rows, warp, guess) in zip(references, aimed, strict=True):
+        some = rows[::step]
+        known.append(Sought(reference.image, reference.uv[some], warp[some], guess[some]))
+        landmarks.append(reference.landmark[some])
+    found = track_sought(known, image, levels, settings.patch)
     uv, good = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    landmark = np.concatenate([landmark for _, landmark in known])
+    landmark = np.concatenate(landmarks)
     good &= are_usable(image.usable, uv)
     uv, landmark = uv[good], landmark[good]
     return PoseEstimate(T, landmark, uv, np.full(len(uv), np.nan), np.full((6, 6), np.inf), in_view, len(uv))
 
 
-def _visible(
+def _aim(
     rig: Rig, image: Pyramid, reference: Reference, xyz: FloatArray, T: FloatArray, settings: TrackingSettings
-) -> NDArray[np.int64]:
-    """Rows of a reference's landmarks that lie in the view of a camera at T, about as near as in the reference."""
-    before, now = (_in_camera(xyz, reference.landmark, pose) for pose in (reference.T_world_camera, T))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        zoom = before[:, 2] / now[:, 2]
-    is_alike = (now[:, 2] > settings.min_depth) & (zoom < settings.max_zoom) & (zoom * settings.max_zoom > 1)
-    uv = project(rig, now)
-    return np.flatnonzero(is_alike & _is_inside(rig, uv) & are_usable(image.usable, uv))
-
-
-def _seek(
-    rig: Rig, reference: Reference, rows: NDArray[np.int64], xyz: FloatArray, T: FloatArray
-) -> tuple[Sought, NDArray[np.int64]]:  # fmt: skip
-    """Where some of a reference's landmarks should be in an image taken at about the pose T, and which they are."""
-    landmark = reference.landmark[rows]
-    before = _in_camera(xyz, landmark, reference.T_world_camera)
-    warps = compute_warps(rig, inverse(T) @ reference.T_world_camera, before)
-    guess = project(rig, _in_camera(xyz, landmark, T))
-    return Sought(reference.image, reference.uv[rows], warps, guess), landmark
-
-
-def _in_camera(xyz: FloatArray, landmark: NDArray[np.int64], T: FloatArray) -> FloatArray:
-    """Landmarks in a camera's frame."""
-    points: FloatArray = (xyz[landmark] - T[:3, 3]) @ T[:3, :3]
-    return points
-
-
-def _is_inside(rig: Rig, uv: FloatArray) -> BoolArray:
-    with np.errstate(invalid="ignore"):
-        inside = (uv >= 0) & (uv <= (rig.width - 1, rig.height - 1))
-    return np.asarray(inside[:, 0] & inside[:, 1])
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Rows of a reference's landmarks that a camera at T has in view; warps and guesses of all of them."""
+    warp, guess, in_view = aim_patches(
+        rig, xyz, reference.landmark, reference.T_world_camera, T, min_depth=settings.min_depth,
+        max_zoom=settings.max_zoom,
+    )  # fmt: skip
+    rows = np.flatnonzero(in_view)
+    if image.usable is not None:
+        rows = rows[are_usable(image.usable, guess[rows])]
+    return rows, warp, guess

@@ -69,20 +69,6 @@ class Alignment(Brief):
     gain: FloatArray
     good: BoolArray
 
-    def where(self, mask: BoolArray) -> Alignment:
-        """Rows where `mask` holds.
-
-        Parameters
-        ----------
-        mask : (N,) bool
-            Rows to keep.
-
-        Returns
-        -------
-        Alignment
-        """
-        return Alignment(self.disparity[mask], self.score[mask], self.gain[mask], self.good[mask])
-
 
 def shift_rows(plane: Plane, offset: float) -> Plane:
     """Interpolate a plane at rows moved by an offset: ``out[v] = plane[v + offset]``, six points, edges repeated.
@@ -111,10 +97,10 @@ def shift_rows(plane: Plane, offset: float) -> Plane:
     whole = int(np.floor(offset))
     taps = np.empty(6, np.float32)
     lagrange_taps(offset - whole, taps)
-    reach = abs(whole) + 3
-    column = np.zeros(2 * reach + 1, np.float32)
-    column[reach + whole - 2 : reach + whole + 4] = taps
-    shifted: Plane = cv2.sepFilter2D(plane, cv2.CV_32F, np.ones(1, np.float32), column, borderType=cv2.BORDER_REPLICATE)
+    above, below = min(whole - 2, 0), max(whole + 3, 0)  # rows that are summed up, with that of the sum among them
+    column = np.zeros((below - above + 1, 1), np.float32)
+    column[whole - 2 - above : whole + 4 - above, 0] = taps
+    shifted: Plane = cv2.filter2D(plane, cv2.CV_32F, column, anchor=(0, -above), borderType=cv2.BORDER_REPLICATE)
     return shifted
 
 
@@ -176,12 +162,8 @@ def refine(first: Plane, second: Plane, uv: FloatArray, start: FloatArray, patch
     """
     from ._patches import align_rows
 
-    xy = np.rint(uv).astype(np.int64)
-    found = np.empty((len(xy), 4))
-    in_halves(
-        lambda part: align_rows(first, second, xy[part], -start[part], patches.radius, patches.contrast, found[part]),
-        len(xy),
-    )
+    found = np.empty((len(uv), 4))
+    align_rows(first, second, np.rint(uv).astype(np.int64), -start, patches.radius, patches.contrast, found)
     return Alignment(-found[:, 0], found[:, 1], found[:, 2], found[:, 3] == 1)
 
 

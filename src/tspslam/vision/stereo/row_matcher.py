@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._settings import Checked, copy_setting, setting
-from ..._threads import both
+from ..._threads import both, in_halves
 from ...types import Features, FloatArray, StereoPair
 from ..images import Plane, prepare
 from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
@@ -248,15 +248,30 @@ class RowMatcher(Checked, what="matcher"):
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
         disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
         rows = np.flatnonzero(np.isfinite(start))
-        forth = refine(*planes, uv[rows], start[rows], self.patches)
-        rows, forth = rows[forth.good], forth.where(forth.good)
-        uv_right = uv[rows] - np.column_stack([forth.disparity, np.zeros(len(rows))])
-        back = refine(planes[1], planes[0], uv_right, -forth.disparity, self.back_patches)
-        agree = back.good & (np.abs(forth.disparity + back.disparity) <= self.max_disagreement)
-        alike = forth.score >= self.min_correlation
-        gain = np.abs(np.log(forth.gain / np.median(forth.gain))) if len(rows) else forth.gain
-        even = gain <= np.log(self.max_gain)
-        good = agree & alike & even
-        disparity[rows[good]] = ((forth.disparity - back.disparity) / 2)[good]
-        score[rows[good]] = forth.score[good]
+        columns = np.empty((len(rows), 4))
+
+        def align(part: slice) -> None:
+            columns[part] = self._align(planes, uv[rows[part]], start[rows[part]])
+
+        in_halves(align, len(rows))
+        is_found = np.isfinite(columns[:, 0])
+        rows, (forth, back, alike, gain) = rows[is_found], columns[is_found].T
+        uneven = np.abs(np.log(gain / np.median(gain))) if len(rows) else gain
+        with np.errstate(invalid="ignore"):
+            agree = np.abs(forth + back) <= self.max_disagreement  # NaN does not
+        good = agree & (alike >= self.min_correlation) & (uneven <= np.log(self.max_gain))
+        disparity[rows[good]] = ((forth - back) / 2)[good]
+        score[rows[good]] = alike[good]
         return disparity, score
+
+    def _align(self, planes: Planes, uv: FloatArray, start: FloatArray) -> FloatArray:
+        """Disparities from left to right, right to left (NaN where not found), correlations, gains: (N, 4)."""
+        forth = refine(*planes, uv, start, self.patches)
+        columns = np.column_stack([forth.disparity, np.full(len(uv), np.nan), forth.score, forth.gain])
+        columns[~forth.good] = np.nan
+        rows = np.flatnonzero(forth.good)
+        shift = forth.disparity[rows]
+        uv_right = uv[rows] - np.column_stack([shift, np.zeros(len(rows))])
+        back = refine(planes[1], planes[0], uv_right, -shift, self.back_patches)
+        columns[rows[back.good], 1] = back.disparity[back.good]
+        return columns

@@ -129,9 +129,9 @@ def reduce(
     """Normal equations of the cameras that move, with the points eliminated (Schur complement).
 
     `row` numbers those cameras from 0, -1 for the others; `start` (M + 1,) bounds the observations of each point.
-    Fills S (6K, 6K) and b (6K,), with one row more where the offset of disparities is free; and for the way back
-    W (O, 6, 3), V (M, 3, 3) inverse, g (M, 3) and U (M, 3), the offset's part. Points stay where they are unless
-    `moving`. Diagonals grow by the factor 1 + damping.
+    Fills S (6K, 6K), of which the lower half counts, and b (6K,), with one row more where the offset of disparities is
+    free; and for the way back W (O, 6, 3), V (M, 3, 3) inverse, g (M, 3) and U (M, 3), the offset's part. Points stay
+    where they are unless `moving`. Diagonals grow by the factor 1 + damping.
     """
     p, r, J, G = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     A = np.empty((3, 3))
@@ -171,7 +171,6 @@ def reduce(
                     W[o, i, j] = w[0] * J[0, i] * G[0, j] + w[1] * J[1, i] * G[1, j] + w[2] * J[2, i] * G[2, j]
                 b[first + i] += w[0] * J[0, i] * r[0] + w[1] * J[1, i] * r[1] + w[2] * J[2, i] * r[2]
                 if has_offset and has_disparity:
-                    S[first + i, last] += w[2] * J[2, i]
                     S[last, first + i] += w[2] * J[2, i]
         for i in range(3):
             A[i, i] = A[i, i] * (1 + damping) + 1e-9
@@ -188,7 +187,7 @@ def _eliminate(
     pose: Int32, start: Int64, row: Int32, has_offset: bool, S: Float64, b: Float64, W: Float64, V: Float64, g: Float64,
     U: Float64,
 ) -> None:  # fmt: skip
-    """Take the points out of the equations: ``S - W V Wᵀ``, ``b - W V g``."""
+    """Take the points out of the equations: ``S - W V Wᵀ`` (its lower half), ``b - W V g``."""
     Y, last = np.empty((6, 3)), S.shape[0] - 1
     for m in range(V.shape[0]):
         if has_offset:
@@ -205,12 +204,10 @@ def _eliminate(
                     Y[i, j] = W[o, i, 0] * V[m, 0, j] + W[o, i, 1] * V[m, 1, j] + W[o, i, 2] * V[m, 2, j]
                 b[first + i] -= Y[i, 0] * g[m, 0] + Y[i, 1] * g[m, 1] + Y[i, 2] * g[m, 2]
                 if has_offset:
-                    shared = Y[i, 0] * U[m, 0] + Y[i, 1] * U[m, 1] + Y[i, 2] * U[m, 2]
-                    S[first + i, last] -= shared
-                    S[last, first + i] -= shared
+                    S[last, first + i] -= Y[i, 0] * U[m, 0] + Y[i, 1] * U[m, 1] + Y[i, 2] * U[m, 2]
             for other in range(start[m], start[m + 1]):
                 second = row[pose[other]] * 6
-                if second < 0:
+                if second < 0 or second > first:
                     continue
                 for i in range(6):
                     for j in range(6):
@@ -322,28 +319,68 @@ def _turned(R: Float64, t: Float64, x: Float64, R_new: Float64, t_new: Float64) 
 
 
 @kernel
-def pose_step(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float, S: Float64,
-    b: Float64, damping: float, R_new: Float64, t_new: Float64, S_new: Float64, b_new: Float64,
-) -> float:  # fmt: skip
-    """Fill the pose after a damped step from R, t, and its equations; returns its cost, -1 if there is no solution."""
-    x = np.empty(6)
-    if not _solve(S, b, damping, x):
-        return -1.0
-    _turned(R, t, x, R_new, t_new)
-    return pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
+def _descend(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float,
+    search: tuple[float, float, float, float], most: int, S: Float64,
+) -> bool:  # fmt: skip
+    """Move a camera in at most so many steps of `minimise`; False if the equations of one have no solution.
+
+    `search` is the first damping, the least, the largest, and the relative decrease of the cost that is enough. S
+    (6, 6) receives the normal equations there.
+    """
+    damping, least, largest, enough = search
+    b, x, b_new = np.empty(6), np.empty(6), np.empty(6)
+    R_new, t_new, S_new = np.empty((3, 3)), np.empty(3), np.empty((6, 6))
+    before = pose_equations(lens, R, t, X, seen, information, width, S, b)
+    for _ in range(most):
+        is_solvable, is_lower, cost = False, False, before
+        while damping <= largest and not is_lower:
+            if _solve(S, b, damping, x):
+                _turned(R, t, x, R_new, t_new)
+                cost = pose_equations(lens, R_new, t_new, X, seen, information, width, S_new, b_new)
+                is_solvable, is_lower = True, cost <= before
+            damping = max(damping / 10, least) if is_lower else damping * 10
+        if not is_lower:
+            return is_solvable
+        R[:], t[:], S[:], b[:] = R_new, t_new, S_new, b_new
+        is_enough, before = before - cost <= enough * before, cost
+        if is_enough:
+            break
+    return True
 
 
 @kernel
-def distances(
-    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, distance: Float64
-) -> None:
-    """Length of each residual (M,) in standard deviations; infinity where the point is behind the camera."""
-    p, r = np.empty(3), np.empty(3)
-    for m in range(X.shape[0]):
-        distance[m] = np.inf
-        if residual(lens, R, t, X[m], seen[m], p, r):
-            distance[m] = np.sqrt(square_of(r, information[m]))
+def fit_camera(
+    lens: Float64, R: Float64, t: Float64, X: Float64, seen: Float64, information: Float64, width: float,
+    search: tuple[float, float, float, float], gates: Float64, fewest: int, steps: tuple[int, int], rows: Int64,
+    S: Float64, distance: Float64,
+) -> int:  # fmt: skip
+    """Move a camera R, t to where it sees X (M, 3) best at `seen` (M, 3), with fewer and fewer outliers.
+
+    For each of the gates it is moved, in at most ``steps[0]`` steps, and points whose residuals are longer, in standard
+    deviations, are dropped: the others move up in X, `seen`, `information` and `rows` (M,). Then it is moved in at most
+    ``steps[1]``. S (6, 6) receives the normal equations there, `distance` (M,) the length of each residual: infinity
+    where the point is behind. Returns how many points are left, as soon as these are fewer than `fewest`; -1 if the
+    equations of a step have no solution.
+    """
+    p, r, count = np.empty(3), np.empty(3), X.shape[0]
+    for turn in range(gates.shape[0] + 1):
+        is_last = turn == gates.shape[0]
+        if count < fewest:
+            return count
+        given, most = (X[:count], seen[:count], information[:count]), steps[1] if is_last else steps[0]
+        if not _descend(lens, R, t, *given, width, search, most, S):
+            return -1
+        left = 0
+        for m in range(count):
+            distance[m] = np.inf
+            if residual(lens, R, t, X[m], seen[m], p, r):
+                distance[m] = np.sqrt(square_of(r, information[m]))
+            if not is_last and distance[m] <= gates[turn]:
+                X[left], seen[left], information[left], rows[left] = X[m], seen[m], information[m], rows[m]
+                left += 1
+        count = count if is_last else left
+    return count
 
 
 @reassociated_kernel

@@ -13,13 +13,11 @@ from ....errors import GeometryError, InputError
 from ....types import BoolArray, FloatArray, Rig, real_array
 from ...se3 import inverse
 
-_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = (
-    1e-4,
-    1e-9,
-    1e8,
-)  # of the diagonal (Marquardt 1963)
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-9, 1e8  # of the diagonal (Marquardt 1963)
 _ENOUGH = 1e-6  # relative decrease of the cost below which the search ends
-
+SEARCH = _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING, _ENOUGH
+"""Of the same search, compiled for one camera."""
+NO_SOLUTION = "the equations have no solution, expected observations that fix the poses"
 
 State = TypeVar("State")
 
@@ -229,7 +227,7 @@ def _descend(
                 return proposal, taken, max(damping / 10, floor)
         damping *= 10
     if not is_solvable:
-        raise GeometryError(f"{what}: the equations have no solution, expected observations that fix the poses")
+        raise GeometryError(f"{what}: {NO_SOLUTION}")
     return None
 
 
