@@ -61,7 +61,7 @@ class Map:
     added : int
         Keyframes so far, culled ones included.
     loop : Keyframe or None
-        The last keyframe as older landmarks, by their numbers, have it, while a loop is being closed.
+        A keyframe as older landmarks, by their numbers, have it, while that loop is being closed.
     unsettled : set of int
         Keyframes that were not adjusted since a loop was closed: numbers of their frames.
     dropped : list of (int, int, (4, 4) float64)
@@ -177,7 +177,7 @@ class Map:
         """
         _, frame = self._sightings.of(self.keyframes[place].landmark)
         frames, shared = np.unique(frame, return_counts=True)
-        found = [(self._place(k), count) for k, count in zip(frames.tolist(), shared.tolist(), strict=True)]
+        found = [(self.place_of(k), count) for k, count in zip(frames.tolist(), shared.tolist(), strict=True)]
         return [(k, count) for k, count in found if k != place and count >= least]
 
     def seen_by(self, rows: NDArray[np.int64]) -> list[int]:
@@ -193,7 +193,7 @@ class Map:
         list of int
             Which keyframes of the map, ascending.
         """
-        return [self._place(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
+        return [self.place_of(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
 
     @property
     def sightings(self) -> Sightings:
@@ -214,8 +214,19 @@ class Map:
         """
         return self._sightings.count(rows)
 
-    def _place(self, index: int) -> int:
-        """Which keyframe of the map a frame is; where a culled one would be."""
+    def place_of(self, index: int) -> int:
+        """Find which keyframe of the map a frame is.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame.
+
+        Returns
+        -------
+        int
+            Where one that was culled would be.
+        """
         return bisect_left(self.keyframes, index, key=_index_of)
 
     def note_sightings(self) -> None:
@@ -362,8 +373,10 @@ class Map:
         known: dict[str, Any] = {
             "sightings": self._sightings, "xyz": self.xyz, "window": self.window, "settings": self.settings
         }  # fmt: skip
+        looped = -1 if self.loop is None else self.loop.index
         for k in self._seen_by_the_window():
-            other = None if k == 0 or frames[k].is_start else find_replacement(frames, k, gone, **known)
+            stays = k == 0 or frames[k].is_start or frames[k].index == looped
+            other = None if stays else find_replacement(frames, k, gone, **known)
             if other is not None:
                 gone.append(k)
                 self._sightings.drop(frames[k].landmark, frames[k].index)
@@ -431,7 +444,7 @@ class Map:
         self.xyz[rows] = found.xyz
         outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
         for index, (row, kept) in keyframes.items():
-            k = self._place(index)
+            k = self.place_of(index)
             if k == len(self.keyframes) or self.keyframes[k].index != index:  # culled meanwhile
                 continue
             gone = self.keyframes[k].landmark[~kept]
