@@ -8,6 +8,7 @@ import pytest
 from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam._threads import set_threads
 from tspslam.vision.se3 import inverse
+from tspslam.vision.slam import odometry as odometry_module
 from tspslam.vision.slam.back_end import jobs
 from tspslam.vision.slam.keyframes.settings import MapSettings
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
@@ -64,9 +65,13 @@ def resumed(odometry, walk):
     return other
 
 
-@pytest.mark.parametrize("when", ["a loop is found", "a loop is being closed", "the map has gone on", "pieces are left"])
+@pytest.mark.parametrize(
+    "when", ["a loop is found", "a loop is being closed", "the map has gone on", "pieces are left"]
+)
 def test_resumed_with_one_thread_while_something_is_under_way_it_goes_on_alike(walk, monkeypatch, when):
     monkeypatch.setattr(jobs, "PIECE", 3)
+    if when == "the map has gone on":
+        monkeypatch.setattr(odometry_module, "_CLOSED", 12)
     odometry = began(walk)
     world = odometry.map
     moments = {
@@ -98,6 +103,25 @@ def test_a_state_with_a_loop_that_nothing_closes_is_refused(walk):
         StereoOdometry(SMALL_RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)
 
 
+def test_a_state_whose_loop_moves_what_it_cannot_is_refused(walk):
+    odometry = began(walk)
+    proceed(odometry, walk[0][THERE:], lambda: odometry.mapper.is_correcting)
+    state = odometry.state()
+    odometry.close()
+    assert len(state["correction_keyframe"])
+    faults = {
+        "do not ascend": ("correction_keyframe", state["correction_keyframe"][::-1].copy()),
+        "with a keyframe that is none": ("correction_holder", state["correction_holder"] + 1000),
+        "does not move a keyframe or a landmark": ("correction_keyframe", state["correction_keyframe"] + 1),
+        "no rigid motion": ("correction_motions", 2 * state["correction_motions"]),
+        "by a frame that is no keyframe": ("closures", state["closures"] - 1),
+        "that is not being closed": ("counts", np.where(np.arange(5) == 3, 1, state["counts"])),
+    }
+    for said, (name, values) in faults.items():
+        with pytest.raises(InputError, match=said):
+            StereoOdometry(SMALL_RIG, detector=DETECTOR).restore(state | {name: values}, lambda k: walk[0][k].left)
+
+
 def test_a_loop_lands_at_its_frame_and_the_camera_goes_with_its_keyframe(walk):
     odometry = began(walk)
     world, mapper, path = odometry.map, odometry.mapper, odometry.path
@@ -112,13 +136,14 @@ def test_a_loop_lands_at_its_frame_and_the_camera_goes_with_its_keyframe(walk):
     path.pose = moved
 
 
-def test_keyframes_come_while_a_loop_is_closed_and_it_lands_at_a_frame_that_their_number_tells(walk):
+def test_keyframes_come_while_a_loop_is_closed_and_it_lands_at_a_frame_that_their_number_tells(walk, monkeypatch):
+    monkeypatch.setattr(odometry_module, "_CLOSED", 12)
     odometry = began(walk)
     world, came, landed = odometry.map, [], None
     rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
     begun = world.loop.index
     for index, pair in enumerate(rest, begun + 1):
-        due = begun + 3 + len(world.keyframes) // 40
+        due = begun + 12 + len(world.keyframes) // 40
         is_due = index >= due and (index - world.keyframes[-1].index >= 2)
         came += [index] if odometry.process(pair).is_keyframe and world.loop is not None else []
         assert not (is_due and world.loop is not None)
@@ -127,7 +152,7 @@ def test_keyframes_come_while_a_loop_is_closed_and_it_lands_at_a_frame_that_thei
             break
     odometry.close()
     assert came
-    assert landed >= begun + 3
+    assert landed >= begun + 12
     assert len(odometry.mapper.closures) == 1  # no other loop is looked for meanwhile
 
 

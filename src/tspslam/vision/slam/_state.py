@@ -290,7 +290,7 @@ def _wrong_correction(state: Arrays) -> Iterator[str]:
     keyframe, ids, holder = (state[f"correction_{name}"] for name in ("keyframe", "landmark_id", "holder"))
     if len(keyframe) and state["counts"][_UNDER_WAY] < _CORRECTING:
         yield "a loop moves keyframes that is not being closed"
-    if (np.diff(keyframe) <= 0).any() or (np.diff(ids) <= 0).any() or len(keyframe) and not len(ids):
+    if (np.diff(keyframe) <= 0).any() or (np.diff(ids) <= 0).any() or (len(keyframe) and not len(ids)):
         yield "numbers of what a loop moves do not ascend"
     if ids.size and not (0 <= holder.min() <= holder.max() < len(keyframe)):
         yield "a loop moves a landmark with a keyframe that is none"

@@ -154,7 +154,7 @@ class Sightings:
         """
         self._last.keep(first, kept)
 
-    def _walk(self, rows: Rows) -> tuple[Rows, Rows]:
+    def _walk(self, rows: Rows) -> tuple[Rows, NDArray[np.int32]]:
         """All sightings of landmarks, one landmark after the other, the last sighting first."""
         from ._kernels import walk_chains
 
