@@ -251,7 +251,7 @@ def _seen_again(map_: Map) -> Keyframe:
     loop = map_.loop
     assert loop is not None
     at = np.minimum(np.searchsorted(map_.landmark_id, loop.landmark), len(map_.landmark_id) - 1)
-    kept = (map_.landmark_id[at] == loop.landmark) & (map_.view_counts(at) > 0)
+    kept = (map_.landmark_id[at] == loop.landmark) & (map_.sightings.count(at) > 0)
     columns = {name: getattr(loop, name)[kept] for name in ("uv", "disparity", "sigma")}
     return replace(loop, landmark=at[kept], **columns)
 

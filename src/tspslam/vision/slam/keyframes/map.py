@@ -200,20 +200,6 @@ class Map:
         """Which keyframes see each landmark."""
         return self._sightings
 
-    def view_counts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Count the keyframes that see landmarks.
-
-        Parameters
-        ----------
-        rows : (K,) int64
-            Landmarks.
-
-        Returns
-        -------
-        (K,) int64
-        """
-        return self._sightings.count(rows)
-
     def place_of(self, index: int) -> int:
         """Find which keyframe of the map a frame is.
 
@@ -329,7 +315,7 @@ class Map:
         doubtful = np.unique(np.concatenate(self._doubtful))
         is_new = np.isin(doubtful, self._in_window())
         old, self._doubtful = doubtful[~is_new], [doubtful[is_new]]
-        gone = old[self.view_counts(old) <= 1]
+        gone = old[self._sightings.count(old) <= 1]
         for k in self.seen_by(gone):
             self._keep(k, ~np.isin(self.keyframes[k].landmark, gone))
         nobody = np.empty(0, np.int64)
