@@ -80,7 +80,7 @@ def follow(town: Town, folder: Path, wanted: slice, settings: tuple[str, ...]) -
         session.close()
     return (
         found
-        | speeds(times, truth)
+        | speeds(times, truth, np.array([row.is_keyframe for row in run.tracked]))
         | {"peak memory, MB": peak, "first frame": int(sequence.stamps[places.start] * 10 + 0.5)}
     )
 
@@ -140,8 +140,11 @@ def _share(found: NDArray[np.bool_]) -> float | None:
     return 100 * float(found.mean()) if len(found) else None
 
 
-def speeds(times: Times, truth: Trajectory) -> dict[str, Any]:
-    """Frame rates of the first and of the last kilometre, and the slowest frames."""
+def speeds(times: Times, truth: Trajectory, is_keyframe: NDArray[np.bool_]) -> dict[str, Any]:
+    """Rates of the first and of the last kilometre, and the slowest frames.
+
+    Keyframes come by the way, so that a frame costs more where the camera goes faster: a kilometre tells that apart.
+    """
     steps: NDArray[np.float64] = np.linalg.norm(np.diff(truth.T_world_camera[:, :3, 3], axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     clock, cpu, waited = (np.array(values) for values in (times.clock, times.cpu, times.waited))
@@ -152,6 +155,8 @@ def speeds(times: Times, truth: Trajectory) -> dict[str, Any]:
         "frames/s": float(1 / clock.mean()),
         "frames/s of the last kilometre over the first's": float(clock[first].mean() / clock[last].mean()),
         "the same by processor time": float(cpu[first].mean() / cpu[last].mean()),
+        "keyframes a frame there over the first's": float(is_keyframe[last].mean() / is_keyframe[first].mean()),
+        "processor time of the first kilometre over the last's": float(cpu[first].sum() / cpu[last].sum()),
         "longest frames, s": [[int(k), round(float(clock[k]), 3)] for k in slow],
         "longest waits, s": [[int(k), round(float(waited[k]), 3)] for k in np.argsort(-waited)[:LONGEST]],
         "median frame, s": float(np.median(clock)),
@@ -169,8 +174,9 @@ TOLD = [  # what the page tells
     "first frame", "frames", "way, m", "ATE, m", "t_rel over 100 m, %", "t_rel over 100 to 800 m, %",
     "r_rel, deg/100 m", "frames lost", "revisits", "closed, %", "right to 0.5 m, %", "closures",
     "false closures, also over 0.5 m off",
-    "keyframes", "frames/s of the last kilometre over the first's", "the same by processor time", "longest waits, s",
-    "peak memory, MB",
+    "keyframes", "frames/s of the last kilometre over the first's", "the same by processor time",
+    "keyframes a frame there over the first's", "processor time of the first kilometre over the last's",
+    "longest waits, s", "peak memory, MB",
 ]  # fmt: skip
 
 

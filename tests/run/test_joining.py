@@ -240,7 +240,7 @@ def with_another_state(folder):
 
 def of_another_version(folder):
     with RunFolder.create(folder, RunFolder.open(folder).config) as inner:
-        data = (folder / "state.npz").read_bytes().replace(b", state 8", b", state 1")
+        data = (folder / "state.npz").read_bytes().replace(b", state 9", b", state 1")
         (folder / "state.npz").write_bytes(_with_sums(data))
         inner.record(folder / "state.npz", input_hash=inner.units["state.npz"].input)
 

@@ -34,7 +34,7 @@ from .record import FrameRecord, Row, SkippedPair, hash_of, pair_hash, record_co
 OnFrame = Callable[[Frame], object]
 _Arrived = tuple[StereoPair | InputError, str]  # a pair, or why it cannot be read; hash of what it is made from
 STATE_NAME = "state.npz"
-MADE_BY = f"tspslam {__version__}, state 8".encode()  # others' checkpoints do not count
+MADE_BY = f"tspslam {__version__}, state 9".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
 _EVERY, _SHARE = 25, 0.1  # frames between checkpoints, or this share of the frames so far: long runs write fewer
@@ -183,7 +183,7 @@ class SequenceRun:
                 self._finish_saving(is_urgent=False)
                 done = len(self.rows)
                 is_last = done == len(self.wanted) and not is_growing
-                if is_last or done >= self._saved + _EVERY + _SHARE * self._saved:
+                if is_last or (done >= self._saved + _EVERY + _SHARE * self._saved and not self._is_closing_loop):
                     self._save()
                 if is_last:
                     self._finish_writing()
@@ -325,6 +325,12 @@ class SequenceRun:
             path = self.folder.path / STATE_NAME
             write_checkpoint(path, MADE_BY, rows, state)
             self.folder.record(path, input_hash=hash_of([row.input_hash for row in rows]))
+
+    @property
+    def _is_closing_loop(self) -> bool:
+        """Whether a checkpoint would wait until a loop is closed."""
+        odometry = self.session.odometry
+        return isinstance(odometry, StereoOdometry) and odometry.mapper.is_correcting
 
     def _finish_saving(self, *, is_urgent: bool = True) -> None:
         """Wait for the checkpoint that is being written, or only look whether it is; what went wrong is raised."""

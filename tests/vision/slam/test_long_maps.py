@@ -132,7 +132,7 @@ def adjust_some(world, rng):
 def test_a_landmark_that_one_keyframe_saw_goes_once_it_left_the_window():
     drive = Drive(cull_every=1).go(40)
     world = drive.map
-    views = world.view_counts(np.arange(len(world.xyz)))
+    views = world.sightings.count(np.arange(len(world.xyz)))
     recent = np.unique(np.concatenate([frame.landmark for frame in world.keyframes[-world.window :]]))
     alone = np.setdiff1d(np.flatnonzero(views < 2), recent)
     assert np.isin(alone, world.gaps).all()

@@ -118,6 +118,47 @@ def test_culled_landmarks_of_a_loop_are_left_out():
     assert len(world.keyframes[-1].landmark) == len(np.unique(world.keyframes[-1].landmark))
 
 
+def test_what_has_come_since_goes_with_what_it_is_seen_from():
+    """Keyframes that follow keep their poses against the last one, and so do what they alone see."""
+    world, _ = looped(60)
+    late, early = copy_map(world), copy_map(world)
+    early.xyz, late.xyz = world.xyz.copy(), world.xyz.copy()
+    found = LoopProblem.of(late, NOISE).solve()
+    last, rows = late.keyframes[-1], late.keyframes[-1].landmark[:40]
+    step = np.eye(4)
+    step[2, 3] = 1.0
+    more = len(late.xyz)
+    new = last.T_world_camera[:3, 3] + np.arange(30.0).reshape(10, 3)
+    late.xyz = np.concatenate([late.xyz, new])
+    late.landmark_id = np.concatenate([late.landmark_id, world.next_id + np.arange(10)])
+    late.descriptors = np.zeros((len(late.xyz), 4), np.uint64)
+    sights = {name: getattr(last, name)[:40] for name in ("uv", "disparity", "sigma")}
+    for index, landmark in ((200, rows), (201, more + np.arange(10))):  # the second shares nothing with any other
+        columns = {name: values[: len(landmark)] for name, values in sights.items()}
+        T = late.keyframes[-1].T_world_camera @ step
+        late.keyframes.append(replace(last, index=index, T_world_camera=T, landmark=landmark, **columns))
+    late.note_sightings()
+    close_loop(early, found, 1.0)
+    close_loop(late, found, 1.0)
+    np.testing.assert_allclose(poses(late)[:60], poses(early), atol=1e-12)
+    np.testing.assert_allclose(inverse(poses(late)[59:61]) @ poses(late)[60:], np.stack([step, step]), atol=1e-9)
+    motion = found.motions[-1]
+    np.testing.assert_allclose(late.xyz[more:], new @ motion[:3, :3].T + motion[:3, 3], atol=1e-9)
+    assert late.keyframes[59].index == world.keyframes[-1].index
+    assert len(late.keyframes[59].landmark) == len(early.keyframes[-1].landmark)
+
+
+def test_a_loop_whose_landmarks_went_meanwhile_moves_the_map_all_the_same():
+    world, truth = looped(60)
+    before, found = error(world, truth), LoopProblem.of(world, NOISE).solve()
+    kept = replace(world.loop, landmark=world.next_id + np.arange(len(world.loop.landmark)))
+    world.loop, count = kept, len(world.keyframes[-1].landmark)
+    close_loop(world, found, 1.0)
+    assert world.loop is None
+    assert len(world.keyframes[-1].landmark) == count
+    assert error(world, truth) < before
+
+
 def test_a_loop_without_solution_is_none(monkeypatch):
     def fail(*_, **__):
         raise GeometryError("no solution")

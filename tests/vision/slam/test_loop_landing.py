@@ -8,6 +8,7 @@ import pytest
 from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam._threads import set_threads
 from tspslam.vision.se3 import inverse
+from tspslam.vision.slam import odometry as odometry_module
 from tspslam.vision.slam.back_end import jobs
 from tspslam.vision.slam.keyframes.settings import MapSettings
 from tspslam.vision.slam.odometry import StereoOdometry, Tracking
@@ -64,19 +65,24 @@ def resumed(odometry, walk):
     return other
 
 
-@pytest.mark.parametrize("when", ["a loop is found", "a loop is being closed", "pieces are left"])
+@pytest.mark.parametrize(
+    "when", ["a loop is found", "a loop is being closed", "the map has gone on", "pieces are left"]
+)
 def test_resumed_with_one_thread_while_something_is_under_way_it_goes_on_alike(walk, monkeypatch, when):
     monkeypatch.setattr(jobs, "PIECE", 3)
+    if when == "the map has gone on":
+        monkeypatch.setattr(odometry_module, "_CLOSED", 12)
     odometry = began(walk)
     world = odometry.map
     moments = {
         "a loop is found": lambda: world.loop is not None,
         "a loop is being closed": lambda: odometry.mapper.is_correcting,
+        "the map has gone on": lambda: world.loop is not None and world.keyframes[-1].index > world.loop.index,
         "pieces are left": lambda: world.unsettled and odometry.mapper.is_adjusting,
     }
     rest = proceed(odometry, walk[0][THERE:], moments[when])
     assert rest
-    assert odometry.mapper.is_adjusting
+    assert odometry.mapper.is_adjusting or odometry.mapper.is_correcting
     try:
         set_threads(1)
         other = resumed(odometry, walk)
@@ -97,10 +103,29 @@ def test_a_state_with_a_loop_that_nothing_closes_is_refused(walk):
         StereoOdometry(SMALL_RIG, detector=DETECTOR).restore(state, lambda number: walk[0][number].left)
 
 
-def test_a_loop_lands_within_two_frames_and_the_camera_goes_with_its_keyframe(walk):
+def test_a_state_whose_loop_moves_what_it_cannot_is_refused(walk):
+    odometry = began(walk)
+    proceed(odometry, walk[0][THERE:], lambda: odometry.mapper.is_correcting)
+    state = odometry.state()
+    odometry.close()
+    assert len(state["correction_keyframe"])
+    faults = {
+        "do not ascend": ("correction_keyframe", state["correction_keyframe"][::-1].copy()),
+        "with a keyframe that is none": ("correction_holder", state["correction_holder"] + 1000),
+        "does not move a keyframe or a landmark": ("correction_keyframe", state["correction_keyframe"] + 1),
+        "no rigid motion": ("correction_motions", 2 * state["correction_motions"]),
+        "by a frame that is no keyframe": ("closures", state["closures"] - 1),
+        "that is not being closed": ("counts", np.where(np.arange(5) == 3, 1, state["counts"])),
+    }
+    for said, (name, values) in faults.items():
+        with pytest.raises(InputError, match=said):
+            StereoOdometry(SMALL_RIG, detector=DETECTOR).restore(state | {name: values}, lambda k: walk[0][k].left)
+
+
+def test_a_loop_lands_at_its_frame_and_the_camera_goes_with_its_keyframe(walk):
     odometry = began(walk)
     world, mapper, path = odometry.map, odometry.mapper, odometry.path
-    rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
+    proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
     begun = world.keyframes[-1].index
     assert mapper.closures[-1][0] == begun
     T = inverse(world.keyframes[-1].T_world_camera) @ path.pose
@@ -109,8 +134,26 @@ def test_a_loop_lands_within_two_frames_and_the_camera_goes_with_its_keyframe(wa
     assert world.loop is None
     assert not mapper.is_adjusting
     path.pose = moved
-    proceed(odometry, rest, lambda: len(path) > begun + 2)
-    assert world.loop is None or world.keyframes[-1].index > begun
+
+
+def test_keyframes_come_while_a_loop_is_closed_and_it_lands_at_a_frame_that_their_number_tells(walk, monkeypatch):
+    monkeypatch.setattr(odometry_module, "_CLOSED", 12)
+    odometry = began(walk)
+    world, came, landed = odometry.map, [], None
+    rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
+    begun = world.loop.index
+    for index, pair in enumerate(rest, begun + 1):
+        due = begun + 12 + len(world.keyframes) // 40
+        is_due = index >= due and (index - world.keyframes[-1].index >= 2)
+        came += [index] if odometry.process(pair).is_keyframe and world.loop is not None else []
+        assert not (is_due and world.loop is not None)
+        if world.loop is None:
+            landed = index
+            break
+    odometry.close()
+    assert came
+    assert landed >= begun + 12
+    assert len(odometry.mapper.closures) == 1  # no other loop is looked for meanwhile
 
 
 def test_a_large_map_is_adjusted_in_pieces_at_the_end(walk):
@@ -129,12 +172,13 @@ def test_a_large_map_is_adjusted_in_pieces_at_the_end(walk):
 
 
 def test_a_keyframe_sees_no_landmark_that_became_another_while_it_was_tracked(walk, monkeypatch):
-    """A loop lands when the next keyframe comes: by then that is tracked, against landmarks as they were."""
+    """A loop that lands with a keyframe: by then that is tracked, against landmarks as they were."""
     odometry = began(walk)
     world = odometry.map
     rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
     with monkeypatch.context() as patched:
         patched.setattr(odometry, "_wants_keyframe", lambda estimate: True)
+        patched.setattr(odometry, "_is_time_to_close", lambda: True)
         proceed(odometry, rest[:1])
     assert world.loop is None
     assert len(world.merged)

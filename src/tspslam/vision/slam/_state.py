@@ -20,7 +20,8 @@ from .keyframes.map import Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
 # were merged, c loops, j joins of parts of the map, b recordings but the first, l landmarks of the loop that is being
-# closed, q keyframes that are not settled, d 64-bit parts of a descriptor.
+# closed, q keyframes that are not settled, d 64-bit parts of a descriptor; g keyframes and h landmarks of the map that
+# a loop is being closed of, i keyframes that will not be settled then.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
@@ -54,12 +55,18 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "loop_landmark": ("<i8", ("l",)),
     "loop_seen": ("<f8", ("l", 4)),
     "unsettled": ("<i8", ("q",)),
+    "correction_keyframe": ("<i8", ("g",)),
+    "correction_motions": ("<f8", ("g", 4, 4)),
+    "correction_landmark_id": ("<i8", ("h",)),
+    "correction_holder": ("<i8", ("h",)),
+    "correction_unsettled": ("<i8", ("i",)),
 }
 _MAY_BE_NAN = frozenset({"disparity", "linked", "loop_seen"})
 _NO_OBSERVATIONS: Arrays = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2))} | dict.fromkeys(
     ("disparity", "sigma"), np.empty(0)
 )
-_IS_ADJUSTING = 3  # place in `counts`: 1 for an adjustment, 2 for a loop that is being closed
+_UNDER_WAY = 3  # place in `counts`: 1 for an adjustment, 2 for a loop that is being closed, 3 for both
+_CORRECTING = 2
 _LARGEST = 1e9  # of any value; positions in m
 _LATEST = 1e10  # s, of a stamp: in the year 2286, if it counts from 1970
 _ROUNDING = 1e-6  # m per m, of a product of poses
@@ -143,7 +150,7 @@ def restore_map(map_: Map, state: Mapping[str, NDArray[Any]], image_of: Callable
     if len(state["loop_landmark"]):
         u, v, disparity, sigma = state["loop_seen"].T.copy()
         T, landmark, uv = state["loop_pose"], state["loop_landmark"], np.column_stack([u, v])
-        map_.loop = Keyframe(map_.keyframes[-1].index, T, None, landmark, uv, disparity, sigma)
+        map_.loop = Keyframe(int(state["closures"][-1, 0]), T, None, landmark, uv, disparity, sigma)
     map_.note_sightings()
 
 
@@ -191,7 +198,7 @@ def _wild_numbers(state: Arrays, rig: Rig) -> Iterator[str]:
         values, most = state[name], _LATEST if name == "stamps" else _LARGEST
         if kind == "<f8" and not ((np.abs(values) < most) | (np.isnan(values) & (name in _MAY_BE_NAN))).all():
             yield f"array {name} holds a value that is not finite or too large"
-    for name in ("anchored", "poses", "keyframe_pose", "loop_pose"):
+    for name in ("anchored", "poses", "keyframe_pose", "loop_pose", "correction_motions"):
         if not is_rigid(state[name]):
             yield f"array {name} holds a pose that is no rigid motion"
     offset, information = state["bias"]
@@ -218,7 +225,7 @@ def _wrong_numbers_of_frames(state: Arrays, rig: Rig) -> Iterator[str]:
         yield "a frame was located against one that is not before it"
     wanted, lost, unsolved, asked, unplaced = state["counts"].tolist()
     if not (
-        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 2 and 0 <= unplaced <= lost
+        0 <= wanted <= rig.width * rig.height and min(lost, unsolved) >= 0 and 0 <= asked <= 3 and 0 <= unplaced <= lost
     ):
         yield "a count is negative or too large"
     if max(lost, unsolved, len(state["closures"])) > count:
@@ -269,10 +276,29 @@ def _wrong_loop(state: Arrays) -> Iterator[str]:
         yield "a loop is closed by a landmark twice, or to no keyframe"
     if np.isnan(u).any() or np.isnan(v).any() or not (sigma > _FINEST).all():
         yield "a loop is closed by a landmark that is seen nowhere"
-    if landmark.size and not state["counts"][_IS_ADJUSTING]:
+    if landmark.size and not state["counts"][_UNDER_WAY]:
         yield "a loop is left that nothing closes"
-    if state["counts"][_IS_ADJUSTING] > 1 and not landmark.size:
+    if landmark.size and not (len(state["closures"]) and state["closures"][-1, 0] in state["keyframe_index"]):
+        yield "a loop is closed by a frame that is no keyframe"
+    if state["counts"][_UNDER_WAY] >= _CORRECTING and not landmark.size:
         yield "a loop is being closed that is none"
+    yield from _wrong_correction(state)
+
+
+def _wrong_correction(state: Arrays) -> Iterator[str]:
+    """What a loop's closing would move."""
+    keyframe, ids, holder = (state[f"correction_{name}"] for name in ("keyframe", "landmark_id", "holder"))
+    if len(keyframe) and state["counts"][_UNDER_WAY] < _CORRECTING:
+        yield "a loop moves keyframes that is not being closed"
+    if (np.diff(keyframe) <= 0).any() or (np.diff(ids) <= 0).any() or (len(keyframe) and not len(ids)):
+        yield "numbers of what a loop moves do not ascend"
+    if ids.size and not (0 <= holder.min() <= holder.max() < len(keyframe)):
+        yield "a loop moves a landmark with a keyframe that is none"
+    own, rows = state["keyframe_index"], state["landmark_id"]
+    if len(keyframe) and not (
+        np.isin(own[own <= keyframe[-1]], keyframe).all() and np.isin(rows[rows <= ids[-1]], ids).all()
+    ):
+        yield "a loop does not move a keyframe or a landmark that is older"
 
 
 def _wrong_ids(state: Arrays) -> Iterator[str]:

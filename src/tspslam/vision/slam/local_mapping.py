@@ -19,7 +19,15 @@ from ..stereo.reconstruct import Stereo
 from .back_end.adjustment_problem import collect_problem
 from .back_end.disparity_bias import DisparityBias
 from .back_end.jobs import AdjustmentJob, collect_job
-from .back_end.loop_correction import LoopCorrection, LoopProblem, close_loop, note_loop, prepare
+from .back_end.loop_correction import (
+    LoopCorrection,
+    LoopProblem,
+    close_loop,
+    correction_of,
+    correction_state,
+    note_loop,
+    prepare,
+)
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
@@ -38,9 +46,9 @@ class LocalMapper:
 
     After each keyframe the last ones are adjusted in a thread, together with what they saw, held by older ones, and
     with the offset that all disparities have in common. Where a loop was found, a graph of all poses then takes out its
-    error in the same thread; with each further keyframe a piece of the map is adjusted beside the last keyframes, until
-    all that has moved is settled. Results count when they are joined, at frames that do not depend on how fast the
-    thread is.
+    error in another thread, while the map goes on; no other loop is looked for until then. With each further keyframe a
+    piece of the map is adjusted beside the last keyframes, until all that has moved is settled. Results count when they
+    are joined, at frames that do not depend on how fast the threads are.
 
     Parameters
     ----------
@@ -77,15 +85,15 @@ class LocalMapper:
         self.closures: list[tuple[int, int]] = []
         self.loops = Links.of_none()
         self.joins: list[tuple[int, int, int]] = []
-        self._worker = Worker()
+        self._worker, self._closer = Worker(), Worker()
         self._asked: tuple[AdjustmentJob, Future[Adjustment | None]] | None = None
         self._closing: Future[LoopCorrection | None] | None = None
         self._is_prepared = False  # to close loops
 
     @property
     def is_adjusting(self) -> bool:
-        """Whether an adjustment, or what closes a loop, is under way."""
-        return self._asked is not None or self._closing is not None
+        """Whether an adjustment of the last keyframes is under way."""
+        return self._asked is not None
 
     @property
     def adjustment(self) -> Future[Adjustment | None] | None:
@@ -96,11 +104,6 @@ class LocalMapper:
     def is_correcting(self) -> bool:
         """Whether what closes a loop is under way."""
         return self._closing is not None
-
-    @property
-    def is_closing(self) -> bool:
-        """Whether a loop is to be closed."""
-        return self.map.loop is not None
 
     def add_keyframe(
         self, index: int, images: PreparedPair, T_world_camera: FloatArray, estimate: PoseEstimate | None,
@@ -146,7 +149,7 @@ class LocalMapper:
         self.start_adjustment()
         if len(self.map.keyframes) > self.map.window and not self._is_prepared:
             self._is_prepared = True
-            self._worker.submit(prepare)
+            self._closer.submit(prepare)
         return T
 
     def _find_loop(
@@ -154,6 +157,8 @@ class LocalMapper:
         measure: Callable[[PoseEstimate], FloatArray], spread: Callable[[FloatArray], FloatArray],
     ) -> tuple[PoseEstimate, tuple[PoseEstimate, NDArray[np.int64]] | None]:  # fmt: skip
         """The estimate with what is seen again of old places; where the map has drifted, that apart."""
+        if self.map.loop is not None:  # the old places are still where they were before
+            return estimate, None
         loop = self._places.detect_loop(image, estimate, keypoints.uv, keypoints.descriptors)
         if loop is None:
             return estimate, None
@@ -187,9 +192,9 @@ class LocalMapper:
             self._asked = job, self._worker.submit(job.solve)
 
     def start_correction(self) -> None:
-        """Have a loop that was found closed, if there is one: until that is taken over the map stays as it is."""
-        if self.map.loop is not None:
-            self._closing = self._worker.submit(LoopProblem.of(self.map, self._sigma_uv).correct)
+        """Have a loop that was found closed, if there is one; the map goes on meanwhile."""
+        if self.map.loop is not None and self._closing is None:
+            self._closing = self._closer.submit(LoopProblem.of(self.map, self._sigma_uv).correct)
 
     def _collect(self, map_: Map) -> AdjustmentJob | None:
         return collect_job(map_, self._sigma_uv, self._rig, *self.bias.prior)
@@ -220,7 +225,7 @@ class LocalMapper:
         return self._moved(T_world_camera, before)
 
     def join(self, T_world_camera: FloatArray) -> FloatArray:
-        """Wait for what is under way, if anything, and take it over; a loop that was found is then closed.
+        """Wait for what is under way, if anything, and take it over, what closes a loop included.
 
         Parameters
         ----------
@@ -312,6 +317,8 @@ class LocalMapper:
     def state(self) -> dict[str, NDArray[Any]]:
         """Collect what was found about loops and disparities as arrays; `restore` takes them.
 
+        Where a loop is being closed, it waits for that: the map from which that began is no more.
+
         Returns
         -------
         dict of str to array
@@ -323,15 +330,18 @@ class LocalMapper:
             "looped": self.loops.covariance,
             "joins": np.array(self.joins, np.int64).reshape(-1, 3),
             "bias": np.array(self.bias.state),
+            **correction_state(None if self._closing is None else self._closing.result()),
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], *, is_correcting: bool) -> None:
         """Put what a state has in the place of this.
 
         Parameters
         ----------
         state : dict of str to array
             As `state` gave it, such as ``closures`` (C, 2) int64.
+        is_correcting : bool
+            Whether a loop was being closed.
         """
         self.closures = [(frame, earlier) for frame, earlier in state["closures"].tolist()]
         self.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
@@ -340,10 +350,13 @@ class LocalMapper:
         value, std = state["bias"].tolist()
         self.bias.state = value, std
         self.map.rig = self.bias.correct(self._rig)
+        if is_correcting:
+            self._closing = self._closer.submit(correction_of, state)
 
     def close(self) -> None:
-        """Let the thread go."""
+        """Let the threads go."""
         self._worker.close()
+        self._closer.close()
 
 
 def follow_merges(map_: Map, estimate: PoseEstimate, since: int) -> PoseEstimate:

@@ -33,9 +33,9 @@ from .pose import PoseEstimate, Tracked
 from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
-_CLOSED = 6  # the same of a loop, which is closed after it: 0.4 s at 10 Hz, enough for the graph of 5 000 keyframes
-_CORRECTING = 2  # in a state's counts: a loop is being closed; 1: an adjustment is under way
-_LATE = 0.5  # of the landmarks that a keyframe is wanted at, those at which it does not wait for a loop any more
+_CLOSED = 3  # frames after a loop was found at which it is closed, and a frame more for so many keyframes: the graph
+_PER_FRAME = 40  # of 1 100 took 0.43 s beside the tracking, at 34 frames/s: half of the 28 frames that it has
+_CORRECTING = 2  # in a state's counts: a loop is being closed; 1: an adjustment is under way; 3: both
 
 
 @dataclass(frozen=True)
@@ -254,9 +254,8 @@ class StereoOdometry:
         images, watch, path = prepare(pair), Stopwatch(), self.path
         estimate, stereo, is_origin = None, None, False
         if self.map.keyframes:
-            since = len(path) - self.map.keyframes[-1].index
-            if since >= _JOINED and self.mapper.is_adjusting:
-                self._follow(self.mapper.join if since >= _CLOSED else self.mapper.join_adjustment)
+            if len(path) - self.map.keyframes[-1].index >= _JOINED:
+                self._take_over()
             watch.lap("wait")
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
@@ -316,13 +315,25 @@ class StereoOdometry:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
         if estimate is None:
             return not self.map.keyframes or self.is_beginning or self.path.unplaced >= self.tracking.patience
-        least = self.tracking.keyframe_share * self.mapper.expected * (_LATE if self.mapper.is_closing else 1)
+        least = self.tracking.keyframe_share * self.mapper.expected
         return self.path.was_lost or self.is_beginning or len(estimate) < least
 
+    def _take_over(self) -> None:
+        """Take over the adjustment under way, if any, and what closes a loop, if it is time."""
+        if self.mapper.is_adjusting:
+            self._follow(self.mapper.join_adjustment)
+        if self.mapper.is_correcting and self._is_time_to_close():
+            self._follow(self.mapper.join)
+
+    def _is_time_to_close(self) -> bool:
+        """Whether a loop is closed now: the later, the more keyframes there are."""
+        loop, keyframes = self.map.loop, len(self.map.keyframes)
+        return loop is not None and len(self.path) - loop.index >= _CLOSED + keyframes // _PER_FRAME
+
     def _join(self, estimate: PoseEstimate | None) -> PoseEstimate | None:
-        """Take over what is under way; the estimate, with landmarks that became one as they are called now."""
+        """Take over what is due; the estimate, with landmarks that became one as they are called now."""
         since = len(self.map.merged)
-        self._follow(self.mapper.join)
+        self._take_over()
         return None if estimate is None else follow_merges(self.map, estimate, since)
 
     def _follow(self, adjust: Callable[[FloatArray], FloatArray]) -> None:
@@ -390,7 +401,8 @@ class StereoOdometry:
             As `_state.SCHEMA` has them, such as ``xyz`` (M, 3) float64.
         """
         path, mapper = self.path, self.mapper
-        counts = mapper.expected, path.lost, mapper.unsolved, mapper.is_adjusting + mapper.is_correcting, path.unplaced
+        under_way = mapper.is_adjusting + _CORRECTING * mapper.is_correcting
+        counts = mapper.expected, path.lost, mapper.unsolved, under_way, path.unplaced
         own = {"counts": np.array(counts, np.int64), "row_offset": np.array(self._row_offset)}
         state = map_state(self.map) | path.state() | mapper.state() | own  # the map goes on: what is its own is copied
         return {name: values if values.flags.owndata else values.copy() for name, values in state.items()}
@@ -416,11 +428,11 @@ class StereoOdometry:
         self._check_descriptors(image_of)
         path, mapper = self.path, self.mapper
         path.restore(state)
-        mapper.restore(state)
-        mapper.expected, path.lost, mapper.unsolved, was_under_way, path.unplaced = state["counts"].tolist()
+        mapper.expected, path.lost, mapper.unsolved, under_way, path.unplaced = state["counts"].tolist()
+        mapper.restore(state, is_correcting=under_way >= _CORRECTING)
         self._row_offset = float(state["row_offset"])
-        if was_under_way:  # it began from this very map
-            (mapper.start_correction if was_under_way == _CORRECTING else mapper.start_adjustment)()
+        if under_way % _CORRECTING:  # it began from this very map
+            mapper.start_adjustment()
 
     def _check_descriptors(self, image_of: Callable[[int], Image]) -> None:
         """Refuse landmarks whose descriptors are not as long as those of the detector's features."""

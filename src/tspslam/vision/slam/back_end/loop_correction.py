@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,30 +32,33 @@ _HUBER = 2.5  # standard deviations, as in `adjust`
 
 @dataclass(frozen=True, repr=False)
 class LoopCorrection(Brief):
-    """A map of which a loop is closed.
+    """What closes a loop, whatever has become of the map meanwhile.
 
     Attributes
     ----------
+    keyframe : (K,) int64
+        Numbers of the frames that were keyframes, ascending.
     motions : (K, 4, 4) float64
-        How each keyframe moves in the world, so that neighbours keep their relative poses and the loop is closed.
-    frames : list of Keyframe
-        K keyframes, moved.
-    xyz : (M, 3) float64
-        Landmarks, each moved with the keyframe that first saw it, m.
-    unsettled : set of int
+        How each moves in the world, so that neighbours keep their relative poses and the loop is closed.
+    landmark_id : (M,) int64
+        Numbers of the landmarks, ascending.
+    holder : (M,) int64
+        Which of the keyframes each moves with: the first that saw it.
+    unsettled : (U,) int64
         Numbers of the frames whose sights have moved against those of a neighbour, by over a tenth of their standard
         deviations in the root mean square: they are to be adjusted.
     """
 
+    keyframe: NDArray[np.int64]
     motions: FloatArray
-    frames: list[Keyframe]
-    xyz: FloatArray
-    unsettled: set[int]
+    landmark_id: NDArray[np.int64]
+    holder: NDArray[np.int64]
+    unsettled: NDArray[np.int64]
 
 
 @dataclass(frozen=True, repr=False)
 class LoopProblem(Brief):
-    """The keyframes of a map, of which the last is seen from an older place.
+    """The keyframes of a map, of which the last is seen from an older place; the map may go on meanwhile.
 
     Attributes
     ----------
@@ -62,8 +66,10 @@ class LoopProblem(Brief):
         K keyframes.
     loop : Keyframe
         The last one as older landmarks have it: its pose and what it sees of them.
+    landmark_id : (M,) int64
+        Numbers of the landmarks.
     xyz : (M, 3) float64
-        Landmarks, m.
+        Where they are, m.
     rig : Rig
         The cameras.
     sigma_uv : float
@@ -72,6 +78,7 @@ class LoopProblem(Brief):
 
     frames: tuple[Keyframe, ...]
     loop: Keyframe
+    landmark_id: NDArray[np.int64]
     xyz: FloatArray
     rig: Rig
     sigma_uv: float
@@ -91,10 +98,11 @@ class LoopProblem(Brief):
         -------
         LoopProblem
         """
-        return cls(tuple(map_.keyframes), _seen_again(map_), map_.xyz, map_.rig, sigma_uv)
+        numbers, xyz = map_.landmark_id.copy(), map_.xyz.copy()
+        return cls(tuple(map_.keyframes), _seen_again(map_), numbers, xyz, map_.rig, sigma_uv)
 
     def solve(self) -> LoopCorrection:
-        """Find how each keyframe moves, and move it, and each landmark with the one that first saw it.
+        """Find how each keyframe moves, and which of them each landmark goes with.
 
         An edge joins keyframes that follow each other or see landmarks in common; its information is what these
         landmarks tell of the pose. The loop's edge joins the last keyframe to the one that sees most of the loop's.
@@ -118,14 +126,10 @@ class LoopProblem(Brief):
         )  # fmt: skip
         found = optimise_poses(T, edges, max_steps=_MAX_STEPS).T_world
         moved = self._are_moved(inverse(T_ij) @ inverse(found[i]) @ found[j], j, own)
+        numbers = np.array([frame.index for frame in self.frames], np.int64)
         motions = normalised(found @ inverse(T))
-        frames = [
-            replace(frame, T_world_camera=pose)
-            for frame, pose in zip(self.frames, normalised(motions @ T), strict=True)
-        ]
-        frames[0] = self.frames[0]
-        numbers = {frame.index for frame, is_moved in zip(frames[1:], moved[1:], strict=True) if is_moved}
-        return LoopCorrection(motions, join_parts(frames, older, len(T) - 1), self._moved(motions), numbers)
+        motions[0] = np.eye(4)
+        return LoopCorrection(numbers, motions, self.landmark_id, self._first_seen(), numbers[1:][moved[1:]])
 
     def _are_moved(self, bent: FloatArray, j: NDArray[np.int64], own: FloatArray) -> BoolArray:
         """Which keyframes see their landmarks elsewhere, where edges that end at j were bent so."""
@@ -138,18 +142,16 @@ class LoopProblem(Brief):
         moved[j[square > _FELT**2]] = True
         return moved
 
-    def _moved(self, motions: FloatArray) -> FloatArray:
-        """Landmarks, each moved with the keyframe that first saw it."""
+    def _first_seen(self) -> NDArray[np.int64]:
+        """Which keyframe first saw each landmark."""
         frames = self.frames[::-1]
         first_seen = np.zeros(len(self.xyz), np.int64)
         places = np.repeat(np.arange(len(frames))[::-1], [len(frame.landmark) for frame in frames])
         first_seen[np.concatenate([frame.landmark for frame in frames])] = places
-        move = motions[first_seen]
-        xyz: FloatArray = np.einsum("mij,mj->mi", move[:, :3, :3], self.xyz) + move[:, :3, 3]
-        return xyz
+        return first_seen
 
     def correct(self) -> LoopCorrection | None:
-        """Close the loop; may be called in another thread while the map stays as it is.
+        """Find what closes the loop; may be called in another thread while the map goes on.
 
         Returns
         -------
@@ -249,32 +251,98 @@ def _seen_again(map_: Map) -> Keyframe:
     loop = map_.loop
     assert loop is not None
     at = np.minimum(np.searchsorted(map_.landmark_id, loop.landmark), len(map_.landmark_id) - 1)
-    kept = (map_.landmark_id[at] == loop.landmark) & (map_.view_counts(at) > 0)
+    kept = (map_.landmark_id[at] == loop.landmark) & (map_.sightings.count(at) > 0)
     columns = {name: getattr(loop, name)[kept] for name in ("uv", "disparity", "sigma")}
     return replace(loop, landmark=at[kept], **columns)
 
 
+def correction_state(correction: LoopCorrection | None) -> dict[str, NDArray[Any]]:
+    """Collect what closes a loop as arrays; `correction_of` takes them.
+
+    Parameters
+    ----------
+    correction : LoopCorrection or None
+        None where no loop is being closed, or the graph of the poses has no solution.
+
+    Returns
+    -------
+    dict of str to array
+        As `_state.SCHEMA` has them, such as ``correction_motions`` (K, 4, 4) float64.
+    """
+    rows = np.empty(0, np.int64)
+    found = correction or LoopCorrection(rows, np.empty((0, 4, 4)), rows, rows, rows)
+    return {f"correction_{each.name}": getattr(found, each.name) for each in fields(LoopCorrection)}
+
+
+def correction_of(state: Mapping[str, NDArray[Any]]) -> LoopCorrection | None:
+    """Make what closes a loop from arrays.
+
+    Parameters
+    ----------
+    state : dict of str to array
+        As `correction_state` gave them.
+
+    Returns
+    -------
+    LoopCorrection or None
+    """
+    found = LoopCorrection(*(state[f"correction_{each.name}"] for each in fields(LoopCorrection)))
+    return found if len(found.keyframe) else None
+
+
 def close_loop(map_: Map, correction: LoopCorrection, same_landmark: float) -> None:
-    """Put what a loop has moved in its place, and join what the last keyframe sees of both ends.
+    """Put what a loop has moved in its place, and join what the camera saw of both ends.
+
+    What has come since moves with what it is seen from: a keyframe with the one before it that sees most of its
+    landmarks, a landmark with the keyframe that first saw it.
 
     Parameters
     ----------
     map_ : Map
-        That of the `LoopProblem`, as it was then; changed: its `loop` is closed, and keyframes are not settled.
+        That of the `LoopProblem`; changed: its `loop` is closed, and keyframes are not settled.
     correction : LoopCorrection
         What that gave.
     same_landmark : float
         Distance of two observations, in u, v and disparity, of one landmark, px.
     """
-    loop = _seen_again(map_)
-    map_.keyframes, map_.xyz, map_.unsettled, map_.loop = correction.frames, correction.xyz, correction.unsettled, None
+    loop, frames = _seen_again(map_), map_.keyframes
+    of_frame, of_landmark = _followed(map_, correction)
+    T = correction.motions[of_frame] @ np.stack([frame.T_world_camera for frame in frames])
+    map_.keyframes = [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, T, strict=True)]
+    move = correction.motions[of_landmark]
+    map_.xyz[:] = np.einsum("mij,mj->mi", move[:, :3, :3], map_.xyz) + move[:, :3, 3]
+    map_.unsettled |= set(correction.unsettled.tolist()) & {frame.index for frame in frames}
+    map_.loop = None
     _join_sights(map_, loop, same_landmark)
 
 
+def _followed(map_: Map, correction: LoopCorrection) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of the corrected keyframes each keyframe of a map moves with, and each landmark."""
+    numbers = np.array([frame.index for frame in map_.keyframes])
+    count = int(np.searchsorted(numbers, correction.keyframe[-1], "right"))
+    of_frame = np.append(np.searchsorted(correction.keyframe, numbers[:count]), np.zeros(len(numbers) - count, int))
+    for k in range(count, len(numbers)):
+        near = [(shared, place) for place, shared in map_.covisible(k, least=1) if place < k]
+        of_frame[k] = of_frame[max(near)[1] if near else k - 1]
+    old = int(np.searchsorted(map_.landmark_id, correction.landmark_id[-1], "right"))
+    of_landmark = np.zeros(len(map_.xyz), np.int64)
+    for k in range(len(numbers) - 1, count - 1, -1):
+        of_landmark[map_.keyframes[k].landmark] = of_frame[k]
+    of_landmark[:old] = correction.holder[np.searchsorted(correction.landmark_id, map_.landmark_id[:old])]
+    return of_frame, of_landmark
+
+
 def _join_sights(map_: Map, again: Keyframe, same_landmark: float) -> None:
-    """Have the last keyframe see what it sees again; landmarks that it sees in the same place become one."""
-    own = map_.keyframes[-1]
+    """Have the keyframe that came back see what it sees again; landmarks that it sees in the same place become one."""
+    place = map_.place_of(again.index)
+    _, seen_by = map_.sightings.of(again.landmark)
+    seen_by = seen_by[seen_by < again.index]
+    if not len(seen_by):  # all of them were culled meanwhile
+        return
+    older = map_.place_of(int(np.bincount(seen_by).argmax()))
+    map_.keyframes = join_parts(map_.keyframes, older, place)
+    own = map_.keyframes[place]
     seen, known = (np.column_stack([frame.uv, frame.disparity]) for frame in (again, own))
-    older, rows = match_sights(seen, known, same_landmark)
-    map_.merge_landmarks(again.landmark[older], own.landmark[rows])
-    map_.observe(len(map_.keyframes) - 1, again)
+    matched, rows = match_sights(seen, known, same_landmark)
+    map_.merge_landmarks(again.landmark[matched], own.landmark[rows])
+    map_.observe(place, again)

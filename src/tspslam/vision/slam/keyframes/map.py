@@ -61,7 +61,7 @@ class Map:
     added : int
         Keyframes so far, culled ones included.
     loop : Keyframe or None
-        The last keyframe as older landmarks, by their numbers, have it, while a loop is being closed.
+        A keyframe as older landmarks, by their numbers, have it, while that loop is being closed.
     unsettled : set of int
         Keyframes that were not adjusted since a loop was closed: numbers of their frames.
     dropped : list of (int, int, (4, 4) float64)
@@ -177,7 +177,7 @@ class Map:
         """
         _, frame = self._sightings.of(self.keyframes[place].landmark)
         frames, shared = np.unique(frame, return_counts=True)
-        found = [(self._place(k), count) for k, count in zip(frames.tolist(), shared.tolist(), strict=True)]
+        found = [(self.place_of(k), count) for k, count in zip(frames.tolist(), shared.tolist(), strict=True)]
         return [(k, count) for k, count in found if k != place and count >= least]
 
     def seen_by(self, rows: NDArray[np.int64]) -> list[int]:
@@ -193,29 +193,26 @@ class Map:
         list of int
             Which keyframes of the map, ascending.
         """
-        return [self._place(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
+        return [self.place_of(index) for index in np.unique(self._sightings.of(rows)[1]).tolist()]
 
     @property
     def sightings(self) -> Sightings:
         """Which keyframes see each landmark."""
         return self._sightings
 
-    def view_counts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Count the keyframes that see landmarks.
+    def place_of(self, index: int) -> int:
+        """Find which keyframe of the map a frame is.
 
         Parameters
         ----------
-        rows : (K,) int64
-            Landmarks.
+        index : int
+            Number of the frame.
 
         Returns
         -------
-        (K,) int64
+        int
+            Where one that was culled would be.
         """
-        return self._sightings.count(rows)
-
-    def _place(self, index: int) -> int:
-        """Which keyframe of the map a frame is; where a culled one would be."""
         return bisect_left(self.keyframes, index, key=_index_of)
 
     def note_sightings(self) -> None:
@@ -318,7 +315,7 @@ class Map:
         doubtful = np.unique(np.concatenate(self._doubtful))
         is_new = np.isin(doubtful, self._in_window())
         old, self._doubtful = doubtful[~is_new], [doubtful[is_new]]
-        gone = old[self.view_counts(old) <= 1]
+        gone = old[self._sightings.count(old) <= 1]
         for k in self.seen_by(gone):
             self._keep(k, ~np.isin(self.keyframes[k].landmark, gone))
         nobody = np.empty(0, np.int64)
@@ -362,8 +359,10 @@ class Map:
         known: dict[str, Any] = {
             "sightings": self._sightings, "xyz": self.xyz, "window": self.window, "settings": self.settings
         }  # fmt: skip
+        looped = -1 if self.loop is None else self.loop.index
         for k in self._seen_by_the_window():
-            other = None if k == 0 or frames[k].is_start else find_replacement(frames, k, gone, **known)
+            stays = k == 0 or frames[k].is_start or frames[k].index == looped
+            other = None if stays else find_replacement(frames, k, gone, **known)
             if other is not None:
                 gone.append(k)
                 self._sightings.drop(frames[k].landmark, frames[k].index)
@@ -431,7 +430,7 @@ class Map:
         self.xyz[rows] = found.xyz
         outliers = [(np.empty(0, np.int64), np.empty(0, np.int64))]
         for index, (row, kept) in keyframes.items():
-            k = self._place(index)
+            k = self.place_of(index)
             if k == len(self.keyframes) or self.keyframes[k].index != index:  # culled meanwhile
                 continue
             gone = self.keyframes[k].landmark[~kept]

@@ -59,7 +59,9 @@ def _twins(
     frame: Keyframe, others: Sequence[tuple[int, Keyframe]], xyz: FloatArray, settings: MapSettings
 ) -> list[int]:
     """Keyframes, of some, that look from about where another does, the same way."""
-    T, poses = frame.T_world_camera, np.array([other.T_world_camera for _, other in others]).reshape(-1, 4, 4)
+    if not others:
+        return []
+    T, poses = frame.T_world_camera, np.stack([other.T_world_camera for _, other in others])
     near = settings.twin_distance * np.median((xyz[frame.landmark] - T[:3, 3]) @ T[:3, 2])
     is_near = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=1) < near
     looks_alike = poses[:, :3, 2] @ T[:3, 2] > np.cos(np.radians(settings.twin_angle))

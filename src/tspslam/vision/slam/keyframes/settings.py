@@ -64,7 +64,7 @@ class MapSettings(Checked, what="tracking.map"):
     twin_distance: float = setting(0.1, 0, 10, unit="m per m of depth", source="by hand; half, twice: same paths")
     twin_angle: float = setting(15.0, 0, 180, unit="degrees", source="by hand; half, twice: same paths")
     twin_share: float = setting(0.3, 0, 1, unit="", source="by hand; half, twice: same paths")
-    image_bytes: float = setting(100e6, 0, 1e12, unit="bytes", source="217 keyframes of KITTI; any: same paths")
+    image_bytes: float = setting(50e6, 0, 1e12, unit="bytes", source="110 keyframes of KITTI; any: same paths")
     min_shared: int = setting(4, 1, 1000, unit="landmarks", source="by hand; half, twice: same paths")
     min_points: int = setting(30, 3, 10_000, unit="landmarks", source="two poses' need; half, twice: same paths")
     max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="72 MB of equations; half, twice: same paths")

@@ -10,6 +10,7 @@ from .columns import Column
 
 Rows = NDArray[np.int64]
 _NONE = -1  # no (further) sighting
+_ROOM = 8  # sightings of a landmark for which there is room at first: twice as many as in a street
 
 
 class Sightings:
@@ -153,17 +154,17 @@ class Sightings:
         """
         self._last.keep(first, kept)
 
-    def _walk(self, rows: Rows) -> tuple[Rows, Rows]:
-        """All sightings of landmarks, step by step back along their chains."""
-        at, entry, found = np.arange(len(rows)), self._last.rows[rows], []
-        while len(at):
-            goes_on = entry != _NONE
-            at, entry = at[goes_on], entry[goes_on]
-            found.append((at, entry))
-            entry = self._before.rows[entry]
-        nothing = np.empty(0, np.int64), np.empty(0, np.int32)
-        ats, entries = zip(nothing, *found, strict=True)
-        return np.concatenate(ats), np.concatenate(entries)
+    def _walk(self, rows: Rows) -> tuple[Rows, NDArray[np.int32]]:
+        """All sightings of landmarks, one landmark after the other, the last sighting first."""
+        from ._kernels import walk_chains
+
+        rows, room = np.ascontiguousarray(rows, np.int64), _ROOM * len(rows)
+        while True:
+            at, entry = np.empty(room, np.int64), np.empty(room, np.int32)
+            count = walk_chains(rows, self._last.rows, self._before.rows, at, entry)
+            if count <= room:
+                return at[:count], entry[:count]
+            room = count
 
     def _take(self, count: int) -> NDArray[np.int32]:
         """Places in the table for new sightings."""
