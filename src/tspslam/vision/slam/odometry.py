@@ -289,7 +289,7 @@ class StereoOdometry:
         if self.is_beginning:
             estimate = self._locator.look_up(images.left_image)
         elif is_steady:
-            estimate = self._locator.follow(images.left_image, predicted)
+            estimate = self._locator.follow(images.left_image, predicted, is_doubted=path.is_doubted)
         else:
             last = path.last_found(map_)
             estimate = self._locator.find(images.left_image, [predicted, last, last @ path.motion])

@@ -38,6 +38,9 @@ class CameraPath:
         The same without those that showed nothing.
     was_lost : bool
         Whether the frame before the last one was.
+    doubted : list of (int, int, int)
+        Frames that another motion explains about as well: their numbers, the landmarks that agree with the pose, and
+        those that agree with the other.
     begun : list of int
         Numbers of the first keyframes of further recordings: what was seen before says nothing of their motion. While
         the last one has none, that of its first frame.
@@ -51,6 +54,7 @@ class CameraPath:
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.unplaced, self.was_lost = 0, 0, False
         self.begun: list[int] = []
+        self.doubted: list[tuple[int, int, int]] = []
 
     @property
     def stamps(self) -> FloatArray:
@@ -92,7 +96,11 @@ class CameraPath:
             As `_state.SCHEMA` has them, such as ``stamps`` (T,) float64.
         """
         columns = {name: getattr(self, name) for name in _COLUMNS}
-        return columns | {"poses": np.stack([self.pose, self.motion]), "begun": np.array(self.begun, np.int64)}
+        return (
+            columns
+            | {"poses": np.stack([self.pose, self.motion]), "begun": np.array(self.begun, np.int64)}
+            | {"doubted": np.array(self.doubted, np.int64).reshape(-1, 3)}
+        )
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Put the frames of a state in the place of these.
@@ -106,6 +114,7 @@ class CameraPath:
             setattr(self, f"_{name}", Column(state[name]))
         self.pose, self.motion = state["poses"]
         self.begun = state["begun"].tolist()
+        self.doubted = [(frame, agree, other) for frame, agree, other in state["doubted"].tolist()]
         self._held = {}
         for frame, keyframe in enumerate(state["anchors"].tolist()):
             self._held.setdefault(keyframe, []).append(frame)
@@ -117,6 +126,11 @@ class CameraPath:
     def is_motion_known(self) -> bool:
         """Whether the last frames tell how the camera moves."""
         return len(self) - self._first > 1 and self.lost == 0
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether another motion explains the last frame about as well."""
+        return bool(self.doubted) and self.doubted[-1][0] == len(self) - 1
 
     @property
     def _first(self) -> int:
@@ -200,6 +214,8 @@ class CameraPath:
         self.unplaced = 0 if estimate is not None else self.unplaced + (not is_dark)
         self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
         pose = predicted if estimate is None else estimate.T_world_camera
+        if estimate is not None and estimate.rival is not None:
+            self.doubted.append((len(self), len(estimate), estimate.rival.landmarks))
         moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
         is_first = len(self) == self._first
         self.motion, self.pose = np.eye(4) if is_first else normalised(inverse(self.pose) @ moved), pose

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....types import FloatArray, Rig
-from ..pose import PoseEstimate
+from ...se3 import inverse
+from ..pose import PoseEstimate, Rival
 from .shared_errors import shared_information
 
 _HUBER = 2.5  # standard deviations, as in `fit_pose`
@@ -95,6 +96,42 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     shared = shared_information(estimate.uv, rig.width, residual * root, J * root[:, :, None])
     spread: FloatArray = variance * (C + C @ (own.T @ own) @ C) + C @ shared @ C
     return spread + (sources.offset_std**2 + _COMMON**2) * np.outer(common, common) + np.outer(pulled, pulled)
+
+
+def rival_spread(T_world_camera: FloatArray, rival: Rival) -> FloatArray:
+    """Find what a pose's covariance gains where another pose may be the right one.
+
+    About the pose that is believed, the second moment of a mixture of two, each as narrow as its covariance C::
+
+        (1 - p) C + p (C + ξ ξᵀ)  =  C + p ξ ξᵀ
+
+    p is the probability of the other one, ξ its motion (ω, υ) against the first; that C is both's is taken for granted.
+
+    Parameters
+    ----------
+    T_world_camera : (4, 4) float64
+        The pose that is believed.
+    rival : Rival
+        The other one.
+
+    Returns
+    -------
+    (6, 6) float64
+        Of (ω, υ), rad and m, in the camera's frame.
+
+    Examples
+    --------
+    >>> other = np.eye(4)
+    >>> other[2, 3] = 2.0
+    >>> float(rival_spread(np.eye(4), Rival(other, 100, 0.25))[5, 5])
+    1.0
+    """
+    from scipy.spatial.transform import Rotation
+
+    apart = inverse(T_world_camera) @ rival.T_world_camera
+    xi = np.append(Rotation.from_matrix(apart[:3, :3]).as_rotvec(), apart[:3, 3])
+    found: FloatArray = rival.probability * np.outer(xi, xi)
+    return found
 
 
 def _linearise(rig: Rig, estimate: PoseEstimate, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
