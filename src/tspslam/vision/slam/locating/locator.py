@@ -77,23 +77,31 @@ class Locator:
         described = self._describe(image)
         others = list(self._recognise(image, *described))
         around = self._track_around(image, predicted, [found, *others])
-        return with_rival(
-            self.map_.rig, found, [*others, *([] if around is None else [around])], self.map_.xyz, self.settings
-        )
+        return self._beside(found, [*others, *([] if around is None else [around])])
 
     def _follow(self, image: PreparedImage, predicted: FloatArray) -> PoseEstimate | None:
         """A pose near the one that a steady motion leads to; by descriptors where that is not clear."""
         tracked = self._track(image, predicted)
-        if tracked is not None and not are_close(tracked, predicted, self.map_.xyz, self.settings):
+        if tracked is None or not self._is_expected(tracked, predicted):
             closely = self._track_closely(image, predicted)  # something else may have drawn the first one away
-            both = [tracked] if closely is None else [tracked, closely]
-            tracked = self._choose(both) or tracked
+            both = [one for one in (tracked, closely) if one is not None]
+            tracked = self._choose(both) or max(both, key=len, default=None)
         if tracked is not None and is_clear(tracked, self.map_.xyz, predicted, self.settings):
             return tracked
         described = self._describe(image)
         relocalized = self.places.relocalize(image.pyramid, *described)
         chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
-        return chosen or self._choose(list(self._recognise(image, *described)))
+        if chosen is None:
+            return self._choose(list(self._recognise(image, *described)))
+        return chosen if tracked is None else self._beside(chosen, [tracked])
+
+    def _is_expected(self, tracked: PoseEstimate, predicted: FloatArray) -> bool:
+        """Whether a pose is where the motion leads, and many landmarks agree."""
+        is_close = are_close(tracked, predicted, self.map_.xyz, self.settings)
+        return is_close and tracked.share >= self.settings.clear_share
+
+    def _beside(self, chosen: PoseEstimate, others: list[PoseEstimate]) -> PoseEstimate:
+        return with_rival(self.map_.rig, chosen, others, self.map_.xyz, self.settings)
 
     def find(self, image: PreparedImage, guesses: Sequence[FloatArray]) -> PoseEstimate | None:
         """Find a pose wherever it is: by descriptors of the last keyframes, then near guesses, then in the whole map.
