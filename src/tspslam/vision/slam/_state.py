@@ -35,6 +35,7 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "joins": ("<i8", ("j", 3)),
     "begun": ("<i8", ("b",)),
     "doubted": ("<i8", ("m", 3)),
+    "doubt": ("<f8", (6, 6)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),

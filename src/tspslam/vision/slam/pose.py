@@ -32,11 +32,14 @@ class Rival(Brief):
         How many agree on it.
     probability : float
         Of its being the right one.
+    covariance : (6, 6) float64
+        Of (ω, υ), rad and m, in its own frame.
     """
 
     T_world_camera: FloatArray
     landmarks: int
     probability: float
+    covariance: FloatArray
 
 
 @dataclass(frozen=True, repr=False)

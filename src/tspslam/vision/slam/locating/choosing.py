@@ -171,8 +171,8 @@ def with_rival(
             continue
         own, other = _support(rig, one, best, xyz), _support(rig, best, one, xyz)
         if own > _DOUBT * other and (rival is None or own / (own + other) > rival.probability):
-            rival = Rival(one.T_world_camera, len(one), own / (own + other))
-    return replace(best, rival=rival)
+            rival = Rival(one.T_world_camera, len(one), own / (own + other), one.covariance)
+    return best if rival is best.rival else replace(best, rival=rival)
 
 
 def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:

@@ -85,7 +85,12 @@ class Locator:
         if tracked is None or not self._is_expected(tracked, predicted):
             closely = self._track_closely(image, predicted)  # something else may have drawn the first one away
             both = [one for one in (tracked, closely) if one is not None]
-            tracked = self._choose(both) or max(both, key=len, default=None)
+            chosen = self._choose(both)
+            tracked = (
+                max(both, key=len, default=None) if chosen is None else self._unless_steady(chosen, both, predicted)
+            )
+        else:
+            both = [tracked]
         if tracked is not None and is_clear(tracked, self.map_.xyz, predicted, self.settings):
             return tracked
         described = self._describe(image)
@@ -93,12 +98,21 @@ class Locator:
         chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
         if chosen is None:
             return self._choose(list(self._recognise(image, *described)))
-        return chosen if tracked is None else self._beside(chosen, [tracked])
+        return self._unless_steady(chosen, both, predicted)
 
     def _is_expected(self, tracked: PoseEstimate, predicted: FloatArray) -> bool:
         """Whether a pose is where the motion leads, and many landmarks agree."""
         is_close = are_close(tracked, predicted, self.map_.xyz, self.settings)
         return is_close and tracked.share >= self.settings.clear_share
+
+    def _unless_steady(self, chosen: PoseEstimate, found: list[PoseEstimate], predicted: FloatArray) -> PoseEstimate:
+        """The chosen pose; the one where the motion leads if that is about as likely."""
+        chosen = self._beside(chosen, found)
+        for one in found:
+            is_rival = chosen.rival is not None and chosen.rival.T_world_camera is one.T_world_camera
+            if is_rival and are_close(one, predicted, self.map_.xyz, self.settings):
+                return self._beside(one, [chosen])
+        return chosen
 
     def _beside(self, chosen: PoseEstimate, others: list[PoseEstimate]) -> PoseEstimate:
         return with_rival(self.map_.rig, chosen, others, self.map_.xyz, self.settings)

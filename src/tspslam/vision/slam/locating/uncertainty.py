@@ -101,11 +101,12 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
 def rival_spread(T_world_camera: FloatArray, rival: Rival) -> FloatArray:
     """Find what a pose's covariance gains where another pose may be the right one.
 
-    About the pose that is believed, the second moment of a mixture of two, each as narrow as its covariance C::
+    About the pose that is believed, of covariance C, the second moment of a mixture of the two is::
 
-        (1 - p) C + p (C + ξ ξᵀ)  =  C + p ξ ξᵀ
+        (1 - p) C + p (A C' Aᵀ + ξ ξᵀ)
 
-    p is the probability of the other one, ξ its motion (ω, υ) against the first; that C is both's is taken for granted.
+    p is the probability of the other one, C' its covariance, ξ its motion (ω, υ) against the first, A the adjoint of
+    that motion. This is the second term: the first is taken as C.
 
     Parameters
     ----------
@@ -123,14 +124,15 @@ def rival_spread(T_world_camera: FloatArray, rival: Rival) -> FloatArray:
     --------
     >>> other = np.eye(4)
     >>> other[2, 3] = 2.0
-    >>> float(rival_spread(np.eye(4), Rival(other, 100, 0.25))[5, 5])
+    >>> float(rival_spread(np.eye(4), Rival(other, 100, 0.25, np.zeros((6, 6))))[5, 5])
     1.0
     """
     from scipy.spatial.transform import Rotation
 
     apart = inverse(T_world_camera) @ rival.T_world_camera
     xi = np.append(Rotation.from_matrix(apart[:3, :3]).as_rotvec(), apart[:3, 3])
-    found: FloatArray = rival.probability * np.outer(xi, xi)
+    A = adjoint(apart)
+    found: FloatArray = rival.probability * (A @ rival.covariance @ A.T + np.outer(xi, xi))
     return found
 
 
