@@ -210,6 +210,7 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
             "their poses are those of a constant velocity"
         )
         yield {"code": "tracking_lost", "message": message}
+    yield from _two_motions(tracked, odometry)
     repeated = len(tracked) - len({row.stamp for row in tracked})
     if repeated:
         message = f"{repeated} frames have the stamp of the one before and no line in the trajectory"
@@ -223,6 +224,18 @@ def _troubles(rows: Sequence[Row], odometry: StereoOdometry | None) -> Iterator[
             "source has them no more; their places are not known again"
         )
         yield {"code": "images_forgotten", "message": message}
+
+
+def _two_motions(tracked: Sequence[FrameRecord], odometry: StereoOdometry | None) -> Iterator[Warning_]:
+    """That another motion explains some frames about as well as the one that was taken."""
+    doubted = odometry.path.doubted if odometry else []
+    if doubted:
+        frame, agree, other = doubted[0]
+        message = (
+            f"{len(doubted)} of {len(tracked)} frames show two motions, first frame {tracked[frame].index}: {agree} "
+            f"landmarks agree with the one that was taken, {other} with another, and the path may go with what moves"
+        )
+        yield {"code": "two_motions", "message": message}
 
 
 def pixel_warnings(bits: int | None, unknown: Sequence[float] = ()) -> Iterator[Warning_]:

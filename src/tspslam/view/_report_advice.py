@@ -59,6 +59,10 @@ ADVICE = {
         "a second or a slower pass help."
     ),
     "truth": "Check that the true poses belong to this sequence: as many lines as frames, or stamps of the same clock.",
+    "two_motions": (
+        "Look at these frames in the gallery: does a vehicle fill most of the view? Start where it does not, or cut "
+        "them out; the poses' covariances are wide there."
+    ),
     "unknown": "If your map uses another value for 'not known', name it with --unknown.",
     "unpaired": "Check that each left image has a right one; images without a partner are left out.",
     "vertical_offset": "Calibrate anew, or give the file that these images were rectified by; fix loose cameras.",

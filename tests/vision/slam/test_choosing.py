@@ -2,9 +2,12 @@
 
 import numpy as np
 
+from scipy.spatial.transform import Rotation
+
 from tspslam import Rig
-from tspslam.vision.slam.locating.choosing import choose_pose, choose_widest
-from tspslam.vision.slam.pose import PoseEstimate
+from tspslam.vision.slam.locating.choosing import choose_pose, choose_widest, with_rival
+from tspslam.vision.slam.locating.uncertainty import adjoint, rival_spread
+from tspslam.vision.slam.pose import PoseEstimate, Rival
 from tspslam.vision.slam.tracking import TrackingSettings
 
 XYZ = np.random.default_rng(0).uniform((-5, -2, 5), (5, 2, 20), (2000, 3))
@@ -34,18 +37,51 @@ def seen(rig, xyz, rows, T):
     return PoseEstimate(T, rows, uv, np.full(len(rows), np.nan), np.eye(6), in_view=len(xyz))
 
 
-def test_what_is_wide_and_deep_is_the_world_and_not_what_has_more_landmarks():
-    """A vehicle's rear 4 m ahead has 0.6 of the image and most landmarks; the street lies around it, near and far."""
+def behind_a_rear(half=(250, 185)):
+    """A vehicle's rear 4 m ahead, and the street around it, near and far: the poses that each says, and landmarks."""
     rig = Rig(fx=400, fy=400, cx=320, cy=240, baseline=0.2, width=640, height=480)
     rng = np.random.default_rng(0)
     uv = rng.uniform((0, 0), (640, 480), (1000, 2))
-    is_rear = (abs(uv - (320, 240)) < (250, 185)).all(axis=1)
+    is_rear = (abs(uv - (320, 240)) < half).all(axis=1)
     depth = np.where(is_rear, rng.uniform(3.9, 4.1, 1000), np.exp(rng.uniform(np.log(5), np.log(40), 1000)))
     xyz = np.column_stack([(uv - (320, 240)) / 400, np.ones(1000)]) * depth[:, None]
     moved = np.eye(4)
     moved[2, 3] = 1.0
     street, rear = np.flatnonzero(~is_rear)[::2], np.flatnonzero(is_rear)
-    world, car = seen(rig, xyz, street, moved), seen(rig, xyz, rear, np.eye(4))
+    return rig, xyz, seen(rig, xyz, street, moved), seen(rig, xyz, rear, np.eye(4))
+
+
+def test_what_is_wide_and_deep_is_the_world_and_not_what_has_more_landmarks():
+    """The rear has 0.6 of the image and most landmarks: there is no doubt."""
+    rig, xyz, world, car = behind_a_rear()
     assert len(car) > 2.5 * len(world)
     for found in ([world, car], [car, world]):
         assert choose_widest(rig, found, xyz, TrackingSettings()) is world
+
+
+def test_another_pose_that_is_about_as_likely_stays_beside_the_one_that_is_believed():
+    """The rear has 0.8 of the image: whichever is believed, the other one is its rival, with what is left to one."""
+    rig, xyz, world, car = behind_a_rear((285, 220))
+    best = choose_widest(rig, [world, car], xyz, TrackingSettings())
+    other = car if best.T_world_camera is world.T_world_camera else world
+    assert best.rival.T_world_camera is other.T_world_camera
+    assert best.rival.landmarks == len(other)
+    assert 0.2 < best.rival.probability < 0.5
+    again = with_rival(rig, best, [pose(2000, 2000)], xyz, TrackingSettings())  # says the same as the car
+    assert again.rival.landmarks in (len(other), 2000)
+    few = seen(rig, xyz, world.landmark[:90], world.T_world_camera)  # 0.09 of those in view are no pose
+    assert with_rival(rig, car, [few, car], xyz, TrackingSettings()) is car
+
+
+def test_a_rival_widens_the_covariance_along_the_way_to_it_by_its_probability():
+    T, apart, C = np.eye(4), np.eye(4), np.diag([1e-6] * 3 + [1e-4] * 3)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0.1, 0.4, 0]).as_matrix(), (1, 2, 3)
+    xi = np.array([0, 0.02, 0, 0, 0, 1.5])
+    apart[:3, :3], apart[:3, 3] = Rotation.from_rotvec(xi[:3]).as_matrix(), xi[3:]
+    spread = rival_spread(T, Rival(T @ apart, 100, 0.25, 0 * C))
+    np.testing.assert_allclose(spread, 0.25 * np.outer(xi, xi), atol=1e-12)
+    wide = rival_spread(T, Rival(T @ apart, 100, 0.25, C)) - spread
+    A = adjoint(apart)
+    np.testing.assert_allclose(wide, 0.25 * A @ C @ A.T, atol=1e-12)
+    # if the other one is right, the error is xi: one in p, for its one degree of freedom
+    assert abs(xi @ np.linalg.solve(spread + 1e-9 * np.eye(6), xi) - 1 / 0.25) < 0.01

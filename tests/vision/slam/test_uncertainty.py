@@ -10,6 +10,8 @@ from tspslam import InputError
 from tspslam.datasets import synthetic
 from tspslam.vision.rig import back_project, project
 from tspslam.vision.se3 import inverse
+from tspslam.vision.slam.locating import uncertainty
+from tspslam.vision.slam.locating.shared_errors import shared_information
 from tspslam.vision.slam.locating.uncertainty import Sources, adjoint, pose_covariance
 from tspslam.vision.slam.new_landmarks import follow_offset
 from tspslam.vision.slam.odometry import StereoOdometry
@@ -32,7 +34,18 @@ def normalised_error(errors, covariances):
     return np.mean([e @ np.linalg.solve(C, e) / 6 for e, C in zip(errors, covariances, strict=True)])
 
 
-def located(rng, offset=0.0, offset_std=1e-9):
+def smooth_field(rng, uv, size=100.0):
+    """Errors of u, v and disparity that change over some 100 px only: (K, 3), of unit variance at the nodes."""
+    at, nodes = uv / size, rng.normal(0, 1, (8, 8, 3))
+    low, part = at.astype(int), at - at.astype(int)
+    value = 0.0
+    for du, dv in np.ndindex(2, 2):
+        share = np.abs(1 - du - part[:, :1]) * np.abs(1 - dv - part[:, 1:])
+        value = value + share * nodes[low[:, 1] + dv, low[:, 0] + du]
+    return value
+
+
+def located(rng, offset=0.0, offset_std=1e-9, alike=0.0):
     """A step of 1 m ahead from landmarks that one keyframe measured: its error, fitted and full covariances."""
     uv = rng.uniform((20, 20), (490, 360), (150, 2))
     true = back_project(RIG, uv, rng.uniform(4, 25, 150))
@@ -41,11 +54,11 @@ def located(rng, offset=0.0, offset_std=1e-9):
     rows = (there > 0).all(axis=1) & (there < (RIG.width, RIG.height)).all(axis=1) & (seen[:, 2] > 1)
     uv, true, seen, there = uv[rows], true[rows], seen[rows], there[rows]
     fB, count = RIG.fx * RIG.baseline, len(uv)
+    shared = alike * SIGMA * smooth_field(rng, there) if alike else np.zeros((len(uv), 3))
     xyz = back_project(RIG, uv, fB / true[:, 2] + offset + rng.normal(0, SIGMA, count))
-    disparity = fB / seen[:, 2] + offset + rng.normal(0, SIGMA, count)
-    estimate = PoseEstimate(
-        AHEAD, np.arange(count), there + rng.normal(0, SIGMA, there.shape), np.full(count, np.nan), np.eye(6)
-    )
+    disparity = fB / seen[:, 2] + offset + rng.normal(0, SIGMA, count) + shared[:, 2]
+    there = there + rng.normal(0, SIGMA, there.shape) + shared[:, :2]
+    estimate = PoseEstimate(AHEAD, np.arange(count), there, np.full(count, np.nan), np.eye(6))
     found = refine_pose(RIG, estimate, xyz, disparity, SIGMA, TrackingSettings(first_gate=20, last_gate=20))
     ones = np.ones(len(found), np.int64)
     sources = Sources(np.eye(4), np.zeros((len(found), 3)), ones, SIGMA, SIGMA * ones, offset_std)
@@ -67,6 +80,53 @@ def test_the_offset_of_all_disparities_is_part_of_the_covariance():
     assert 0.5 < normalised_error(errors, full) < 2
     blind = [located(np.random.default_rng(k), 0.6)[::2] for k in range(20)]
     assert normalised_error(*zip(*blind, strict=True)) > 2
+
+
+def test_errors_that_neighbours_share_are_part_of_the_covariance(monkeypatch):
+    """As large as the noise, in each of u, v and disparity: measured 1.5, and 2.8 of points that err each alone."""
+    rng = np.random.default_rng(4)
+    errors, _, full = zip(*(located(rng, alike=1.0) for _ in range(DRAWS)), strict=True)
+    assert 0.5 < normalised_error(errors, full) < 2
+    monkeypatch.setattr(uncertainty, "shared_information", lambda *_: np.zeros((6, 6)))
+    rng = np.random.default_rng(4)
+    errors, _, alone = zip(*(located(rng, alike=1.0) for _ in range(DRAWS)), strict=True)
+    assert normalised_error(errors, alone) > 2
+
+
+def test_errors_that_neighbours_do_not_share_add_little():
+    """Of 500 points by chance a tenth, in the mean over draws."""
+    rng, added, own = np.random.default_rng(5), 0.0, 0.0
+    for _ in range(20):
+        uv = rng.uniform((0, 0), (RIG.width, RIG.height), (500, 2))
+        slope = rng.normal(0, 1, (500, 3, 6))
+        added += np.trace(shared_information(uv, RIG.width, rng.normal(0, 1, (500, 3)), slope))
+        own += (slope**2).sum()
+    assert added < 0.25 * own
+
+
+def test_the_covariance_grows_by_what_cells_of_the_image_have_in_common():
+    """Of cells of an error each, the variance is found, and each cell counts once, not each of its points."""
+    rng, cells, each = np.random.default_rng(6), 8, 30
+    u, v, _ = np.indices((cells, cells, each)).reshape(3, -1)
+    uv = (np.column_stack([u, v]) + rng.uniform(0, 1, (len(u), 2))) * 640 / cells
+    slope = np.zeros((len(u), 3, 6))
+    slope[:, 1, 4] = 1.0
+    expected = cells**2 * each**2 * 0.5
+    found = []
+    for _ in range(40):
+        own = rng.normal(0, np.sqrt(0.5), (cells, cells))[u, v]
+        residual = np.zeros((len(u), 3))
+        residual[:, 1] = own + rng.normal(0, 1, len(u))
+        found.append(shared_information(uv, 640, residual, slope))
+    assert 0.8 < np.mean(found, axis=0)[4, 4] / expected < 1.5
+    assert not np.delete(np.array(found), 4, axis=1).any()
+
+
+def test_what_is_shared_is_nothing_where_nothing_is_measured():
+    empty = shared_information(np.empty((0, 2)), 640, np.empty((0, 3)), np.empty((0, 3, 6)))
+    assert not empty.any()
+    outside = np.array([[-0.4, -0.2], [639.4, 479.4]])  # a point may lie half a pixel outside
+    assert np.isfinite(shared_information(outside, 640, np.ones((2, 3)), np.ones((2, 3, 6)))).all()
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 
 # Letters are lengths that must agree: t frames, k keyframes, s observations of landmarks, n landmarks, r that
-# were merged, c loops, j joins of parts of the map, b recordings but the first, l landmarks of the loop that is being
-# closed, q keyframes that are not settled, d 64-bit parts of a descriptor; g keyframes and h landmarks of the map that
-# a loop is being closed of, i keyframes that will not be settled then.
+# were merged, c loops, j joins of parts of the map, b recordings but the first, m frames of two motions, l landmarks of
+# the loop that is being closed, q keyframes that are not settled, d 64-bit parts of a descriptor; g keyframes and h
+# landmarks of the map that a loop is being closed of, i keyframes that will not be settled then.
 SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "stamps": ("<f8", ("t",)),
     "anchors": ("<i8", ("t",)),
@@ -35,6 +35,8 @@ SCHEMA: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "looped": ("<f8", ("e", 6, 6)),
     "joins": ("<i8", ("j", 3)),
     "begun": ("<i8", ("b",)),
+    "doubted": ("<i8", ("m", 3)),
+    "doubt": ("<f8", (6, 6)),
     "row_offset": ("<f8", ()),
     "keyframe_index": ("<i8", ("k",)),
     "keyframe_pose": ("<f8", ("k", 4, 4)),
@@ -249,6 +251,10 @@ def _wrong_parts(state: Arrays) -> Iterator[str]:
     is_right = (np.diff(frame) > 0).all() and ((earlier >= 0) & (earlier < frame) & (frame < count)).all()
     if not (is_right and (landmarks > 0).all()):
         yield "parts of the map became one at a frame that is none, or out of order"
+    frame, agree, other = state["doubted"].T
+    is_right = (np.diff(frame) > 0).all() and ((frame > 0) & (frame < count)).all()
+    if not (is_right and (np.minimum(agree, other) > 0).all()):
+        yield "two motions were seen in a frame that is none, or out of order"
 
 
 def _wrong_observations(state: Arrays, rig: Rig) -> Iterator[str]:

@@ -288,7 +288,7 @@ class StereoOdometry:
         if self.is_beginning:
             estimate = self._locator.look_up(images.left_image)
         elif is_steady:
-            estimate = self._locator.follow(images.left_image, predicted)
+            estimate = self._locator.follow(images.left_image, predicted, is_doubted=path.is_doubted)
         else:
             last = path.last_found(map_)
             estimate = self._locator.find(images.left_image, [predicted, last, last @ path.motion])
@@ -309,7 +309,8 @@ class StereoOdometry:
             return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
         settings, bias = self.tracking, self.mapper.bias
         spread = spread_of(images.sigma, estimate.uv, settings.sigma_disparity)
-        return covariance_against_keyframe(self.map, estimate, settings.pose.sigma_uv, spread, bias.std)
+        found = covariance_against_keyframe(self.map, estimate, settings.pose.sigma_uv, spread, bias.std)
+        return found[0], found[1] + (self.path.doubt_since(found[0]) if estimate.rival is None else 0.0)
 
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""

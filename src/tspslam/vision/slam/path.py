@@ -15,6 +15,7 @@ from .keyframes.columns import Column
 from .keyframes.keyframe import Keyframe
 from .keyframes.map import Map
 from .locating.path_covariance import Links, covariance_from_start
+from .locating.uncertainty import rival_spread
 from .pose import PoseEstimate
 
 _COLUMNS = "stamps", "anchors", "anchored", "links", "linked"  # a row a frame
@@ -38,6 +39,9 @@ class CameraPath:
         The same without those that showed nothing.
     was_lost : bool
         Whether the frame before the last one was.
+    doubted : list of (int, int, int)
+        Frames that another motion explains about as well: their numbers, the landmarks that agree with the pose, and
+        those that agree with the other.
     begun : list of int
         Numbers of the first keyframes of further recordings: what was seen before says nothing of their motion. While
         the last one has none, that of its first frame.
@@ -51,6 +55,8 @@ class CameraPath:
         self.pose, self.motion = np.eye(4), np.eye(4)
         self.lost, self.unplaced, self.was_lost = 0, 0, False
         self.begun: list[int] = []
+        self.doubted: list[tuple[int, int, int]] = []
+        self._doubt = np.zeros((6, 6))
 
     @property
     def stamps(self) -> FloatArray:
@@ -92,7 +98,13 @@ class CameraPath:
             As `_state.SCHEMA` has them, such as ``stamps`` (T,) float64.
         """
         columns = {name: getattr(self, name) for name in _COLUMNS}
-        return columns | {"poses": np.stack([self.pose, self.motion]), "begun": np.array(self.begun, np.int64)}
+        own = {
+            "poses": np.stack([self.pose, self.motion]),
+            "begun": np.array(self.begun, np.int64),
+            "doubted": np.array(self.doubted, np.int64).reshape(-1, 3),
+            "doubt": self._doubt,
+        }
+        return columns | own
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Put the frames of a state in the place of these.
@@ -106,6 +118,8 @@ class CameraPath:
             setattr(self, f"_{name}", Column(state[name]))
         self.pose, self.motion = state["poses"]
         self.begun = state["begun"].tolist()
+        self.doubted = [(frame, agree, other) for frame, agree, other in state["doubted"].tolist()]
+        self._doubt = state["doubt"]
         self._held = {}
         for frame, keyframe in enumerate(state["anchors"].tolist()):
             self._held.setdefault(keyframe, []).append(frame)
@@ -117,6 +131,30 @@ class CameraPath:
     def is_motion_known(self) -> bool:
         """Whether the last frames tell how the camera moves."""
         return len(self) - self._first > 1 and self.lost == 0
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether another motion explains the last frame about as well."""
+        return bool(self.doubted) and self.doubted[-1][0] == len(self) - 1
+
+    def doubt_since(self, frame: int) -> FloatArray:
+        """Tell what the last doubted frame adds to covariances against frames before it.
+
+        That frame's motion may have been the other one, which then goes on: after n more frames the pose is off by
+        n + 1 times what it was off by then.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame that the next one is located against.
+
+        Returns
+        -------
+        (6, 6) float64
+            Of (ω, υ), rad and m, in the camera's frame, which has hardly turned since; 0 where there was no doubt.
+        """
+        last = self.doubted[-1][0] if self.doubted else 0
+        return (len(self) - last + 1) ** 2 * self._doubt if frame < last < len(self) else np.zeros((6, 6))
 
     @property
     def _first(self) -> int:
@@ -200,6 +238,9 @@ class CameraPath:
         self.unplaced = 0 if estimate is not None else self.unplaced + (not is_dark)
         self.was_lost, self.lost = self.lost > 0, self.lost + 1 if estimate is None else 0
         pose = predicted if estimate is None else estimate.T_world_camera
+        if estimate is not None and estimate.rival is not None:
+            self.doubted.append((len(self), len(estimate), estimate.rival.landmarks))
+            self._doubt = rival_spread(estimate.T_world_camera, estimate.rival)
         moved = predicted if self.was_lost else pose  # what was guessed says nothing of the motion since
         is_first = len(self) == self._first
         self.motion, self.pose = np.eye(4) if is_first else normalised(inverse(self.pose) @ moved), pose

@@ -21,6 +21,28 @@ _SAMPLES, _SURE = 2000, 0.999  # of RANSAC: enough where up to three quarters ar
 
 
 @dataclass(frozen=True, repr=False)
+class Rival(Brief):
+    """Another pose that many landmarks agree on, as where a vehicle fills much of the view.
+
+    Attributes
+    ----------
+    T_world_camera : (4, 4) float64
+        The pose.
+    landmarks : int
+        How many agree on it.
+    probability : float
+        Of its being the right one.
+    covariance : (6, 6) float64
+        Of (ω, υ), rad and m, in its own frame.
+    """
+
+    T_world_camera: FloatArray
+    landmarks: int
+    probability: float
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, repr=False)
 class PoseEstimate(Brief):
     """A pose, and the landmarks that agree with it.
 
@@ -40,6 +62,8 @@ class PoseEstimate(Brief):
         How many landmarks should be seen from there.
     found : int
         How many of those were found in the image, whether or not they agree.
+    rival : Rival or None
+        Another pose that may be the right one.
     """
 
     T_world_camera: FloatArray
@@ -49,6 +73,7 @@ class PoseEstimate(Brief):
     covariance: FloatArray
     in_view: int = 0
     found: int = 0
+    rival: Rival | None = None
 
     def __len__(self) -> int:
         return len(self.landmark)

@@ -280,7 +280,8 @@ def refine_pose(
     """
     measured = replace(estimate, disparity=disparity)
     sigma, gates = (settings.sigma_uv, sigma_disparity), (settings.first_gate, settings.last_gate)
-    return fit_robustly(rig, xyz, measured, sigma, gates, settings.min_matches) or estimate
+    refined = fit_robustly(rig, xyz, measured, sigma, gates, settings.min_matches)
+    return estimate if refined is None else replace(refined, rival=estimate.rival)
 
 
 def _track(

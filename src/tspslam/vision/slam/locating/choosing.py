@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ....types import FloatArray, Rig
 from ...rig import project
-from ..pose import PoseEstimate
+from ..pose import PoseEstimate, Rival
 from ..tracking import TrackingSettings
 
 _APART = 3.0  # px: ten times the spread of a tracked point
 _PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
 _FLAT = 0.2  # of depth, in its logarithm, below which a thing counts as flat: a wall is a world, too
 _DEPTHS = (0.1, 0.9)  # quantiles between which depths count
+_DOUBT = (
+    0.3  # of the support of the pose that is believed: of 36 right first steps behind a car, up to 0.83 has a rival
+)
 
 
 def is_clear(
@@ -105,7 +109,8 @@ def choose_widest(
     """Choose among poses of which none is expected: the one whose landmarks are many and wide apart; None if too few.
 
     What moves before the camera has its landmarks in one part of the image, the world is around it; what is far away
-    agrees with both. So of two poses, the landmarks that only one of them has in their places decide.
+    agrees with both. So of two poses, the landmarks that only one of them has in their places decide. Where that is a
+    near thing, the other one stays as the `rival` of the pose.
 
     Parameters
     ----------
@@ -134,7 +139,40 @@ def choose_widest(
     for one in filter(is_believed, found):
         if best is None or _support(rig, one, best, xyz) > _support(rig, best, one, xyz):
             best = one
-    return best
+    return None if best is None else with_rival(rig, best, found, xyz, settings)
+
+
+def with_rival(
+    rig: Rig, best: PoseEstimate, found: Sequence[PoseEstimate], xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate:
+    """Note beside a pose another one that may be the right one: the likeliest, by its share of the support of the two.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    best : PoseEstimate
+        The pose.
+    found : sequence of PoseEstimate
+        The others; it may be among them.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        Shares.
+
+    Returns
+    -------
+    PoseEstimate
+        The pose, with its `rival`; the one that it has stays where none is likelier.
+    """
+    rival = best.rival
+    for one in found:
+        if one.share < settings.relocalized_share or are_close(best, one.T_world_camera, xyz, settings):
+            continue
+        own, other = _support(rig, one, best, xyz), _support(rig, best, one, xyz)
+        if own > _DOUBT * other and (rival is None or own / (own + other) > rival.probability):
+            rival = Rival(one.T_world_camera, len(one), own / (own + other), one.covariance)
+    return best if rival is best.rival else replace(best, rival=rival)
 
 
 def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:

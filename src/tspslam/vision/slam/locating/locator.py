@@ -18,8 +18,8 @@ from ..keyframes.map import Map
 from ..places.loop_closing import PlaceRecognition
 from ..pose import PoseEstimate, fit_robustly, solve_pnp
 from ..tracking import Reference, TrackingSettings, track_closely, track_pose
-from .choosing import are_close, choose_pose, choose_widest, is_clear
-from .uncertainty import Sources, pose_covariance
+from .choosing import are_close, choose_pose, choose_widest, is_clear, with_rival
+from .uncertainty import Sources, pose_covariance, rival_spread
 
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
@@ -52,8 +52,10 @@ class Locator:
     settings: TrackingSettings
     detect: Callable[[NDArray[np.uint8]], Features]
 
-    def follow(self, image: PreparedImage, predicted: FloatArray) -> PoseEstimate | None:
+    def follow(self, image: PreparedImage, predicted: FloatArray, *, is_doubted: bool) -> PoseEstimate | None:
         """Find a pose near the one that a steady motion leads to; by descriptors where that is not clear.
+
+        Where another motion explained the last frame about as well, it is looked for in this one, too.
 
         Parameters
         ----------
@@ -61,23 +63,59 @@ class Locator:
             The left image.
         predicted : (4, 4) float64
             Where the motion leads.
+        is_doubted : bool
+            Whether another motion explained the last frame about as well.
 
         Returns
         -------
         PoseEstimate or None
             Without disparities; None if no pose is believed.
         """
+        found = self._follow(image, predicted)
+        if found is None or not is_doubted:
+            return found
+        described = self._describe(image)
+        others = list(self._recognise(image, *described))
+        around = self._track_around(image, predicted, [found, *others])
+        return self._beside(found, [*others, *([] if around is None else [around])])
+
+    def _follow(self, image: PreparedImage, predicted: FloatArray) -> PoseEstimate | None:
+        """A pose near the one that a steady motion leads to; by descriptors where that is not clear."""
         tracked = self._track(image, predicted)
-        if tracked is not None and not are_close(tracked, predicted, self.map_.xyz, self.settings):
+        if tracked is None or not self._is_expected(tracked, predicted):
             closely = self._track_closely(image, predicted)  # something else may have drawn the first one away
-            both = [tracked] if closely is None else [tracked, closely]
-            tracked = self._choose(both) or tracked
+            both = [one for one in (tracked, closely) if one is not None]
+            chosen = self._choose(both)
+            tracked = (
+                max(both, key=len, default=None) if chosen is None else self._unless_steady(chosen, both, predicted)
+            )
+        else:
+            both = [tracked]
         if tracked is not None and is_clear(tracked, self.map_.xyz, predicted, self.settings):
             return tracked
         described = self._describe(image)
         relocalized = self.places.relocalize(image.pyramid, *described)
         chosen = choose_pose(tracked, relocalized, self.map_.xyz, self.settings)
-        return chosen or self._choose(list(self._recognise(image, *described)))
+        if chosen is None:
+            return self._choose(list(self._recognise(image, *described)))
+        return self._unless_steady(chosen, both, predicted)
+
+    def _is_expected(self, tracked: PoseEstimate, predicted: FloatArray) -> bool:
+        """Whether a pose is where the motion leads, and many landmarks agree."""
+        is_close = are_close(tracked, predicted, self.map_.xyz, self.settings)
+        return is_close and tracked.share >= self.settings.clear_share
+
+    def _unless_steady(self, chosen: PoseEstimate, found: list[PoseEstimate], predicted: FloatArray) -> PoseEstimate:
+        """The chosen pose; the one where the motion leads if that is about as likely."""
+        chosen = self._beside(chosen, found)
+        for one in found:
+            is_rival = chosen.rival is not None and chosen.rival.T_world_camera is one.T_world_camera
+            if is_rival and are_close(one, predicted, self.map_.xyz, self.settings):
+                return self._beside(one, [chosen])
+        return chosen
+
+    def _beside(self, chosen: PoseEstimate, others: list[PoseEstimate]) -> PoseEstimate:
+        return with_rival(self.map_.rig, chosen, others, self.map_.xyz, self.settings)
 
     def find(self, image: PreparedImage, guesses: Sequence[FloatArray]) -> PoseEstimate | None:
         """Find a pose wherever it is: by descriptors of the last keyframes, then near guesses, then in the whole map.
@@ -194,17 +232,18 @@ class Locator:
     def _track_around(
         self, image: PreparedImage, guess: FloatArray, found: Sequence[PoseEstimate]
     ) -> PoseEstimate | None:
-        """A further motion, near a guess or ahead of it: of the landmarks that lie around those of what was found."""
+        """A further motion, near one found, a guess, or ahead: of the landmarks around those of the largest."""
         map_ = self.map_
-        taken = np.concatenate([np.empty(0, np.int64), *(one.landmark for one in found)])
+        taken = max((one.landmark for one in found), key=len, default=np.empty(0, np.int64))
         rest = [_around(each, taken) for each in map_.references()]
         rows, best = np.concatenate([each.landmark for each in rest]), None
         if not len(rows):
             return None
         far = float(np.median((map_.xyz[rows] - guess[:3, 3]) @ guess[:3, 2]))
-        for share in _AHEAD:
-            T = guess.copy()
+        ahead = [guess.copy() for _ in _AHEAD]
+        for T, share in zip(ahead, _AHEAD, strict=True):
             T[:3, 3] += share * far * guess[:3, 2]
+        for T in [*(one.T_world_camera for one in found), *ahead]:
             near = track_pose(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings)
             if near is not None and (best is None or len(near) > len(best)):
                 best = near
@@ -249,7 +288,9 @@ def covariance_against_keyframe(
     map_: Map, estimate: PoseEstimate, sigma_uv: float, sigma_disparity: FloatArray, offset_std: float,
     place: int | None = None,
 ) -> tuple[int, FloatArray]:  # fmt: skip
-    """Find the covariance of a pose against the keyframe that measured its landmarks (`pose_covariance`).
+    """Find the covariance of a pose against the keyframe that measured its landmarks.
+
+    That is `pose_covariance`, with `rival_spread` where another pose may be the right one.
 
     Parameters
     ----------
@@ -280,7 +321,10 @@ def covariance_against_keyframe(
     holder = map_.keyframes[place]
     views, pull = np.maximum(is_seen.sum(axis=0), 1), _pull(map_, holder, rows)
     sources = Sources(holder.T_world_camera, pull, views, sigma_uv, sigma_disparity, offset_std)
-    return holder.index, pose_covariance(map_.rig, estimate, map_.xyz, sources)
+    covariance = pose_covariance(map_.rig, estimate, map_.xyz, sources)
+    if estimate.rival is not None:
+        covariance = covariance + rival_spread(estimate.T_world_camera, estimate.rival)
+    return holder.index, covariance
 
 
 def _pull(map_: Map, frame: Keyframe, landmark: NDArray[np.int64]) -> FloatArray:

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....types import FloatArray, Rig
-from ..pose import PoseEstimate
+from ...se3 import inverse
+from ..pose import PoseEstimate, Rival
+from .shared_errors import shared_information
 
 _HUBER = 2.5  # standard deviations, as in `fit_pose`
 _LEAST_VARIANCE = 0.25  # of what the settings say: patches are found to half of 0.3 px at best, in a still room
@@ -49,11 +51,12 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     With C the inverse of the normal equations, which take landmarks as known, and a = Jᵀ W ∂r/∂d of each landmark,
     whose disparity d in the keyframe has the variance σ² / views::
 
-        s² / q · (C + C (Σ a aᵀ σ² / views) C)  +  σ_o² · g gᵀ  +  h hᵀ
+        s² / q · (C + C (Σ a aᵀ σ² / views) C)  +  C S C  +  σ_o² · g gᵀ  +  h hᵀ
         g = C Σ (a + Jᵀ W e_d),    h = C Σ Jᵀ W p
 
     s² is the robust variance of the residuals, in those that σ and the depths let expect, 0.25 at least; q the share
-    of the landmarks found that agree: an observation counts for what it is likely to be right. σ_o is the standard
+    of the landmarks found that agree: an observation counts for what it is likely to be right. S is what errors of
+    neighbouring points have in common, as the residuals show it (`shared_information`). σ_o is the standard
     deviation of the offset that all disparities have in common, now and in the keyframe, with 0.02 px that hold for
     any matcher. h is how far the keyframe's own sights p would move it: an adjustment moves it, but not the landmarks
     that it alone has seen.
@@ -89,8 +92,48 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     own = moved * depth[:, None]
     common = C @ (moved.sum(axis=0) + weight[:, 2] @ J[:, 2])
     pulled = C @ np.einsum("nki,nk->i", J, weight * sources.pull)
-    spread: FloatArray = variance * (C + C @ (own.T @ own) @ C)
+    root = np.sqrt(weight)
+    shared = shared_information(estimate.uv, rig.width, residual * root, J * root[:, :, None])
+    spread: FloatArray = variance * (C + C @ (own.T @ own) @ C) + C @ shared @ C
     return spread + (sources.offset_std**2 + _COMMON**2) * np.outer(common, common) + np.outer(pulled, pulled)
+
+
+def rival_spread(T_world_camera: FloatArray, rival: Rival) -> FloatArray:
+    """Find what a pose's covariance gains where another pose may be the right one.
+
+    About the pose that is believed, of covariance C, the second moment of a mixture of the two is::
+
+        (1 - p) C + p (A C' Aᵀ + ξ ξᵀ)
+
+    p is the probability of the other one, C' its covariance, ξ its motion (ω, υ) against the first, A the adjoint of
+    that motion. This is the second term: the first is taken as C.
+
+    Parameters
+    ----------
+    T_world_camera : (4, 4) float64
+        The pose that is believed.
+    rival : Rival
+        The other one.
+
+    Returns
+    -------
+    (6, 6) float64
+        Of (ω, υ), rad and m, in the camera's frame.
+
+    Examples
+    --------
+    >>> other = np.eye(4)
+    >>> other[2, 3] = 2.0
+    >>> float(rival_spread(np.eye(4), Rival(other, 100, 0.25, np.zeros((6, 6))))[5, 5])
+    1.0
+    """
+    from scipy.spatial.transform import Rotation
+
+    apart = inverse(T_world_camera) @ rival.T_world_camera
+    xi = np.append(Rotation.from_matrix(apart[:3, :3]).as_rotvec(), apart[:3, 3])
+    A = adjoint(apart)
+    found: FloatArray = rival.probability * (A @ rival.covariance @ A.T + np.outer(xi, xi))
+    return found
 
 
 def _linearise(rig: Rig, estimate: PoseEstimate, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
