@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....errors import GeometryError
 from ....types import FloatArray, Rig
@@ -30,6 +29,7 @@ _LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
 _ONE = np.eye(5)[:, :1]  # one offset of all, of (offset, far less near, right less left, their product, focal length)
 _GROUPS, _TURNING = np.eye(5)[:, :4], np.eye(5)[:, [0, 4]]
 _SHARED = 0.01  # px, that all matches err alike as they are interpolated: 0.009 in renderings
+Make = Callable[[FloatArray, FloatArray, Observations], PieceEquations]  # of poses, points and what is seen
 _STEP = 1.5  # times that by which the middle third is off the middle: a step is 2 or more, wherever it is
 
 
@@ -54,13 +54,12 @@ def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) ->
     """
     every, used = _Pieces(map_, sigma_uv), rig.doffs - map_.rig.doffs
     ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
-    pieces = every.equations(map_.keyframes, np.arange)
+    pieces = every.each(map_.keyframes)
     if not pieces:
         return None
     whole = list(pieces.values())
     offset, spread = Solution(whole, _ONE).combine((1.0,))
-    parts = (every.equations(map_.keyframes[start:end], _common).values() for start, end in pairwise(ends))
-    thirds = [_third(list(part), spread) for part in parts]  # one by one: large
+    thirds = [_third(every.common(map_.keyframes[start:end]), spread) for start, end in pairwise(ends)]
     far_near, right_left = Solution(whole, _GROUPS).contrast((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
     return CalibrationHealth(
         offset=_with_prior(_with_shared(offset).plus(used), sigma_offset),
@@ -77,13 +76,8 @@ def _third(pieces: Sequence[PieceEquations], spread: float) -> tuple[Estimate | 
     """The offset of part of a path, and the same where it is what one offset of all would take for chance."""
     if not pieces:
         return None, None
-    solution = Solution(pieces, _ONE)
+    solution = Solution(pieces, np.eye(1))
     return _known(solution.combine((1.0,), spread)[0]), _known(solution.contrast((1.0,))[0])
-
-
-def _common(count: int) -> NDArray[np.int64]:
-    """One offset of all keyframes."""
-    return np.zeros(count, np.int64)
 
 
 def _with_shared(found: Estimate) -> Estimate:
@@ -140,32 +134,47 @@ class _Pieces:
     """Pieces of a map's path, each adjusted by itself."""
 
     def __init__(self, map_: Map, sigma_uv: float) -> None:
-        self._map, self._sigma_uv = map_, sigma_uv
+        self._map, self._rig, self._sigma_uv = map_, map_.rig, sigma_uv
         disparity = map_.observations()["disparity"]
         known = disparity[np.isfinite(disparity)]
         self._middle = float(np.median(known)) if len(known) else 0.0
 
-    def equations(
-        self, frames: Sequence[Keyframe], offsets: Callable[[int], NDArray[np.int64]]
-    ) -> dict[int, PieceEquations]:
-        """Those of keyframes in a row, piece after piece, by the place of its first; none where too little is told."""
+    def each(self, frames: Sequence[Keyframe]) -> dict[int, PieceEquations]:
+        """Those of keyframes in a row, with an offset of each, piece by piece by the place of its first keyframe.
+
+        Those of the focal length and of groups of points come with them; none where too little is told.
+        """
+        return self._equations(
+            frames,
+            lambda T, xyz, seen: PieceEquations(
+                self._rig, T, xyz, seen, np.arange(len(T)), _columns(self._rig, T, xyz, seen, self._middle)
+            ),
+        )
+
+    def common(self, frames: Sequence[Keyframe]) -> list[PieceEquations]:
+        """Those of one offset of keyframes in a row."""
+        found = self._equations(
+            frames,
+            lambda T, xyz, seen: PieceEquations(
+                self._rig, T, xyz, seen, np.zeros(len(T), np.int64), np.empty((len(seen.pose), 3, 0))
+            ),
+        )
+        return list(found.values())
+
+    def _equations(self, frames: Sequence[Keyframe], make: Make) -> dict[int, PieceEquations]:
         count = max(1, -(-len(frames) // _PIECE))
         ends = np.linspace(0, len(frames), count + 1).astype(int).tolist()
-        found = {start: self._of_piece(frames[start : end + _LAP], offsets) for start, end in pairwise(ends)}
+        found = {start: self._of_piece(frames[start : end + _LAP], make) for start, end in pairwise(ends)}
         return {start: each for start, each in found.items() if each is not None}
 
-    def _of_piece(
-        self, frames: Sequence[Keyframe], offsets: Callable[[int], NDArray[np.int64]]
-    ) -> PieceEquations | None:
+    def _of_piece(self, frames: Sequence[Keyframe], make: Make) -> PieceEquations | None:
         if len(frames) < 2:
             return None
         seen, rows = self._observations(frames)
         if len(rows) < _LEAST_POINTS:
             return None
-        T, xyz, rig = np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], self._map.rig
         try:
-            columns = _columns(rig, T, xyz, seen, self._middle)
-            return PieceEquations(rig, T, xyz, seen, offsets(len(T)), columns)
+            return make(np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], seen)
         except GeometryError:
             return None
 
@@ -185,10 +194,10 @@ class _Pieces:
 
 
 def _columns(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observations, middle: float) -> FloatArray:
-    """Derivatives of (u, v, disparity), (O, 3, 4): by the offset of far points less that of near ones, of those on the
-    right less that on the left, by the product of both, and by the focal length's logarithm.
+    """Derivatives of (u, v, disparity), (O, 3, 4), by what groups of points differ in, and by the focal length.
 
-    `middle` is the disparity from which points are near.
+    By the offset of far points less that of near ones, those of a disparity from `middle` on; of those on the right
+    less that of those on the left; by the product of both; and by the focal length's logarithm.
     """
     T_camera_world = inverse(T_world_camera)
     points = (

@@ -50,10 +50,14 @@ class CalibrationHealth(Brief):
         found = [("far and near points", self.far_near), ("the right and left of the image", self.right_left)]
         found += [] if self.drift is None else [("the last and first third of the path", self.drift)]
         large = [(words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE)]
-        if self.step is not None and self.step.exceeds(LARGE_OFFSET):
-            words = f"the path from frame {self.step.after} on and up to frame {self.step.before}"
-            large.append((words, self.step.size))
+        if (step := self.sure_step) is not None:
+            large.append((f"frames of the path from {step.after} on and those up to {step.before}", step.size))
         return tuple(large)
+
+    @property
+    def sure_step(self) -> OffsetStep | None:
+        """The step, if it is large and certain."""
+        return self.step if self.step is not None and self.step.exceeds(LARGE_OFFSET) else None
 
 
 class DisparityBias:

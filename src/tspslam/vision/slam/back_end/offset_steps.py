@@ -118,11 +118,11 @@ def find_step(pieces: Mapping[int, PieceEquations], map_: Map) -> OffsetStep | N
 def _series(piece: PieceEquations) -> _Series:
     """The offset of each keyframe of a piece; the covariance as observations have it, as large as votes scatter."""
     count, more = piece.offsets, len(piece.right) - piece.offsets
-    C = np.linalg.inv(piece.normal[:count, :count] + _WEAK * np.eye(count))
-    offset = C @ piece.right[:count]
+    C: FloatArray = np.linalg.inv(piece.normal[:count, :count] + _WEAK * np.eye(count))
+    offset: FloatArray = C @ piece.right[:count]
     votes = piece.votes(np.vstack([C, np.zeros((more, count))]), np.concatenate([offset, np.zeros(more)]))
-    said = _Series(offset, C).variance_of_changes.mean()
-    scattered = piece.share * (np.diff(votes, axis=1) ** 2).sum(axis=0).mean()
+    said = float(_Series(offset, C).variance_of_changes.mean())
+    scattered = piece.share * float((np.diff(votes, axis=1) ** 2).sum(axis=0).mean())
     return _Series(offset, C * (max(scattered, _FINEST**2) / said))
 
 

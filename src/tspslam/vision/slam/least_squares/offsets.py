@@ -136,14 +136,11 @@ class PieceEquations:
         )  # fmt: skip
         self.offsets = int(group.max()) + 1
         self._row, self._columns = np.arange(-1, len(T) - 1, dtype=np.int32), np.ascontiguousarray(columns[order])
-        self._own = np.where(np.isfinite(seen.disparity[order]), group[pose], -1).astype(np.int32)
+        has = np.where(np.isfinite(seen.disparity[order]), group[pose], -1).astype(np.int32)
+        self._own = self._row, has, self._columns
         self._parts = np.empty((len(pose), 6, 3)), np.empty((len(xyz), 3, 3))
         self._eliminate_points()
-        self._still = np.zeros(self.offsets + columns.shape[2]), np.zeros(len(self._turn))
-        self._shared, normal, votes, _ = self._after(*self._still)
-        self._toward = self._solve(self._shared)
-        self.normal = normal - self._shared.T @ self._toward
-        self.right = votes.sum(axis=0) - self._toward.T @ self._turn
+        self._fill_equations()
         self.share = len(xyz) / max(len(xyz) - len(self._turn), 1)
         self.cluster = np.full(len(xyz), len(T))
         np.minimum.at(self.cluster, point, pose)
@@ -168,16 +165,16 @@ class PieceEquations:
 
         return np.asarray(cho_solve(self._factor, right))
 
-    def _after(self, delta: FloatArray, x: FloatArray) -> tuple[FloatArray, ...]:
-        """What the quantities share with the poses, their equations, and right sides by point, after steps."""
+    def _fill_equations(self) -> None:
+        """Make the equations of the quantities, with the points and then the poses taken out."""
         from ._offset_kernels import offset_equations
 
-        count, size, points = len(self._turn), len(self._still[0]), len(self._given[3])
-        shared, normal = np.empty((count, size)), np.empty((size, size))
-        votes, turns = np.empty((points, size)), np.empty((points, count))
-        own, parts = (self._row, self._own, self._columns), self._parts
-        offset_equations(*self._given, *own, *parts, delta, x, shared, normal, votes, turns)
-        return shared, normal, votes, turns
+        count, size = len(self._turn), self.offsets + self._columns.shape[2]
+        self._shared, self.normal, self.right = np.empty((count, size)), np.empty((size, size)), np.empty(size)
+        offset_equations(*self._given, *self._own, *self._parts, self._shared, self.normal, self.right)
+        self._toward = self._solve(self._shared)
+        self.normal -= self._shared.T @ self._toward
+        self.right -= self._toward.T @ self._turn
 
     def votes(self, directions: FloatArray, delta: FloatArray | None = None) -> FloatArray:
         """Tell how far each point pulls the quantities.
@@ -193,9 +190,13 @@ class PieceEquations:
         -------
         (M, D) float64
         """
-        steps = self._still if delta is None else (delta, self._solve(self._turn - self._shared @ delta))
-        _, _, votes, turns = self._after(*steps)
-        found: FloatArray = votes @ directions - turns @ (self._toward @ directions)
+        from ._offset_kernels import offset_votes
+
+        step = np.zeros(len(self.right)) if delta is None else delta
+        x = np.zeros(len(self._turn)) if delta is None else self._solve(self._turn - self._shared @ delta)
+        along, toward = np.ascontiguousarray(directions), np.ascontiguousarray(self._toward @ directions)
+        found = np.empty((len(self.cluster), directions.shape[1]))
+        offset_votes(*self._given, *self._own, *self._parts, along, toward, step, x, found)
         return found
 
 
