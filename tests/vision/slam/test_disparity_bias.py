@@ -209,7 +209,7 @@ def test_long_paths_are_looked_at_piece_by_piece(monkeypatch):
     monkeypatch.setattr("tspslam.vision.slam.back_end.calibration_health._PIECE", 8)
     pieces = health_of(made).offset
     assert pieces.value == pytest.approx(whole.value, abs=3 * pieces.std)
-    assert whole.std < pieces.std < 3 * whole.std
+    assert 0.85 * whole.std < pieces.std < 3 * whole.std  # three of eleven keyframes count twice
 
 
 def test_poses_are_not_what_the_offset_is_judged_by():

@@ -21,7 +21,9 @@ from ..least_squares.offsets import Estimate, PieceEquations, Solution
 from .disparity_bias import CalibrationHealth, DisparityBias
 from .offset_steps import find_step
 
-_LAP = 3  # keyframes that two pieces share, so that a step between them has two on either side in one
+_Make = Callable[[FloatArray, FloatArray, Observations], PieceEquations]  # of poses, points and what is seen
+
+_LAP = 3  # keyframes that two pieces share: a step between them then has two on either side in one; they count twice
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
 _VAGUE = 10.0  # px; an offset that is known no better is not known
@@ -29,7 +31,6 @@ _LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
 _ONE = np.eye(5)[:, :1]  # one offset of all, of (offset, far less near, right less left, their product, focal length)
 _GROUPS, _TURNING = np.eye(5)[:, :4], np.eye(5)[:, [0, 4]]
 _SHARED = 0.01  # px, that all matches err alike as they are interpolated: 0.009 in renderings
-Make = Callable[[FloatArray, FloatArray, Observations], PieceEquations]  # of poses, points and what is seen
 _STEP = 1.5  # times that by which the middle third is off the middle: a step is 2 or more, wherever it is
 
 
@@ -131,7 +132,7 @@ def settle_offset(bias: DisparityBias, map_: Map, rig: Rig, sigma_uv: float) -> 
 
 
 class _Pieces:
-    """Pieces of a map's path, each adjusted by itself."""
+    """Pieces of a map's path, each adjusted by itself; neighbours share a few keyframes."""
 
     def __init__(self, map_: Map, sigma_uv: float) -> None:
         self._map, self._rig, self._sigma_uv = map_, map_.rig, sigma_uv
@@ -161,13 +162,13 @@ class _Pieces:
         )
         return list(found.values())
 
-    def _equations(self, frames: Sequence[Keyframe], make: Make) -> dict[int, PieceEquations]:
+    def _equations(self, frames: Sequence[Keyframe], make: _Make) -> dict[int, PieceEquations]:
         count = max(1, -(-len(frames) // _PIECE))
         ends = np.linspace(0, len(frames), count + 1).astype(int).tolist()
         found = {start: self._of_piece(frames[start : end + _LAP], make) for start, end in pairwise(ends)}
         return {start: each for start, each in found.items() if each is not None}
 
-    def _of_piece(self, frames: Sequence[Keyframe], make: Make) -> PieceEquations | None:
+    def _of_piece(self, frames: Sequence[Keyframe], make: _Make) -> PieceEquations | None:
         if len(frames) < 2:
             return None
         seen, rows = self._observations(frames)

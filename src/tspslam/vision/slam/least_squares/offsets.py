@@ -240,10 +240,11 @@ class Solution:
         float
             How much more they do here, 1 or more: the root of Kish's design effect.
         """
-        along = self._covariance @ np.array([weights], np.float64).T
+        each = np.array([weights], np.float64).T
+        along = self._covariance @ each
         alone, together = self._scatter(along, None)
         wider = float(max(1.0, together[0] / alone[0]) ** 0.5) if alone[0] > 0 else 1.0
-        return self._estimates(along, np.maximum(alone * spread**2, together))[0], wider
+        return self._estimates(each, along, np.maximum(alone * spread**2, together))[0], wider
 
     def contrast(self, *weights: Sequence[float]) -> list[Estimate]:
         """Estimate combinations that are themselves what a simpler model would take for chance.
@@ -255,14 +256,14 @@ class Solution:
         *weights : sequence of P floats
             Of the columns in each combination.
         """
-        along = self._covariance @ np.array(weights, np.float64).T
-        return self._estimates(along, np.maximum(*self._scatter(along, self._step)))
+        each = np.array(weights, np.float64).T
+        along = self._covariance @ each
+        return self._estimates(each, along, np.maximum(*self._scatter(along, self._step)))
 
-    def _estimates(self, along: FloatArray, variance: FloatArray) -> list[Estimate]:
-        """Combinations, with the variance that the weak information has added to it."""
-        value = self._step @ np.linalg.solve(self._covariance, along)
+    def _estimates(self, each: FloatArray, along: FloatArray, variance: FloatArray) -> list[Estimate]:
+        """Combinations `each` (P, D), with the variance that the weak information has added to it."""
         total = variance + _WEAK * (along**2).sum(axis=0)
-        return [Estimate(float(a), float(b) ** 0.5) for a, b in zip(value, total, strict=True)]
+        return [Estimate(float(a), float(b) ** 0.5) for a, b in zip(self._step @ each, total, strict=True)]
 
     def _scatter(self, along: FloatArray, step: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Variances (D,) that votes of points, and of keyframes, give steps `along` (P, D); 0 of too few keyframes."""
