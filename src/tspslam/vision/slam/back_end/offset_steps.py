@@ -118,7 +118,7 @@ def find_step(pieces: Mapping[int, PieceEquations], map_: Map) -> OffsetStep | N
 def _series(piece: PieceEquations) -> _Series:
     """The offset of each keyframe of a piece; the covariance as observations have it, as large as votes scatter."""
     count, more = piece.offsets, len(piece.right) - piece.offsets
-    C: FloatArray = np.linalg.inv(piece.normal[:count, :count] + _WEAK * np.eye(count))
+    C = np.asarray(np.linalg.inv(piece.normal[:count, :count] + _WEAK * np.eye(count)), np.float64)
     offset: FloatArray = C @ piece.right[:count]
     votes = piece.votes(np.vstack([C, np.zeros((more, count))]), np.concatenate([offset, np.zeros(more)]))
     said = float(_Series(offset, C).variance_of_changes.mean())
