@@ -16,7 +16,7 @@ from tspslam.vision.slam.least_squares.bundle import Observations, adjust
 
 RIG = Rig(fx=350, fy=350, cx=300, cy=95, baseline=0.5, width=600, height=190)
 NOISE = 0.3  # px
-SHARED = 0.01  # px: by what the deviation of the whole offset is more, as places between pixels err alike in images
+SHARED = np.hypot(0.01, 0.02 * 0.4)  # px: what images and gates add to the deviation of a whole offset of 0.4 px
 
 
 def test_the_offset_is_the_weighed_mean_of_the_windows():

@@ -101,15 +101,16 @@ class PieceEquations:
     group : (K,) int64
         Which offset the disparities of each keyframe have, from 0 to G - 1.
     columns : (O, 3, E) float64
-        Derivatives of (u, v, disparity) of each observation by E more quantities; 0 where there is no disparity.
+        Derivatives of (u, v, disparity) of each observation by E more quantities, so that Q = G + E; 0 where there is no
+        disparity.
 
     Attributes
     ----------
     offsets : int
         G.
-    normal : (G + E, G + E) float64
+    normal : (Q, Q) float64
         The equations of the quantities alone.
-    right : (G + E,) float64
+    right : (Q,) float64
         Their right side.
     cluster : (M,) int64
         Points of one number err together: those that one keyframe saw first.
@@ -181,9 +182,9 @@ class PieceEquations:
 
         Parameters
         ----------
-        directions : (G + E, D) float64
+        directions : (Q, D) float64
             Along which the pull is told.
-        delta : (G + E,) float64, optional
+        delta : (Q,) float64, optional
             After the quantities have made this step, and poses and points have followed.
 
         Returns
