@@ -101,7 +101,7 @@ class PieceEquations:
     group : (K,) int64
         Which offset the disparities of each keyframe have, from 0 to G - 1.
     columns : (O, 3, E) float64
-        Derivatives of (u, v, disparity) of each observation by E more quantities, so that Q = G + E; 0 where there is no
+        Derivatives of (u, v, disparity) of each observation by E more quantities, Q = G + E in all; 0 where there is no
         disparity.
 
     Attributes
