@@ -12,13 +12,14 @@ from tspslam.io import read_frame
 from tspslam.run.config import resolve
 from tspslam.run.health import judge_calibration
 from tspslam.run.offset import refit_frame
-from tspslam.run.offset_doubts import offset_doubts, rows_doubts, rows_offset
+from tspslam.run.offset_doubts import border_doubts, offset_doubts, rows_doubts, rows_offset
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
 from tspslam.session import Settings
 from tspslam.view._report_advice import ADVICE
 from tspslam.vision.rig import back_project, covariance
 from tspslam.vision.slam.back_end.disparity_bias import CalibrationHealth, DisparityBias
+from tspslam.vision.slam.back_end.offset_steps import OffsetStep
 from tspslam.vision.slam.least_squares.offsets import Estimate
 from tspslam.vision.slam.odometry import StereoOdometry
 
@@ -70,6 +71,9 @@ def test_a_rig_that_is_knocked_on_the_way_is_said_and_its_offset_is_not_used():
     odometry = finished([*(before[k] for k in range(half)), *(after[k] for k in range(half, len(after)))])
     health = odometry.mapper.bias.health
     assert health.drift.value == pytest.approx(-1.0, abs=0.4)
+    step = health.sure_step
+    assert step.before < half <= step.after
+    assert step.size.value == pytest.approx(-1.0, abs=min(0.2, 3 * step.size.std))
     assert codes(odometry) == ["offset_unexplained"]
     assert odometry.map.rig == STREET
 
@@ -92,6 +96,9 @@ def biased(value, std, **health):
         (biased(0.4, 0.01, right_left=Estimate(-0.7, 0.1)), ["offset_unexplained"]),
         (biased(2.0, 0.01, drift=Estimate(-0.9, 0.2)), ["offset_unexplained"]),
         (biased(0.0, 0.01, drift=None, far_near=Estimate(0.9, 0.4)), []),
+        (biased(0.4, 0.01, step=OffsetStep(Estimate(-0.9, 0.1), 17, 20, 10)), ["offset_unexplained"]),
+        (biased(0.4, 0.01, step=OffsetStep(Estimate(-0.9, 0.28), 17, 20, 10)), []),  # of ten times, one is that far
+        (biased(0.4, 0.01, step=OffsetStep(Estimate(-0.4, 0.01), 17, 20, 10)), []),
         (biased(0.0, 0.01, focal=Estimate(0.08, 0.01)), ["focal_length"]),
         (biased(0.0, 0.01, focal=Estimate(0.08, 0.05)), []),
     ],
@@ -101,6 +108,23 @@ def test_what_is_large_and_certain_is_said_in_one_line(bias, found):
     assert [each["code"] for each in said] == found
     assert set(found) <= ADVICE.keys()
     assert not any("\n" in each["message"] or "nan" in each["message"] for each in said)
+
+
+def test_it_is_said_where_recordings_of_one_run_have_other_calibrations():
+    recording = np.repeat([0, 1], [18, 12])
+    at_border, within = (biased(0.4, 0.01, step=OffsetStep(Estimate(-0.9, 0.1), *k, 10)) for k in ((17, 18), (9, 12)))
+    (said,) = border_doubts(at_border, recording, ["monday", "tuesday"])
+    assert said["code"] in ADVICE
+    assert said["message"].startswith("tuesday and monday")
+    assert "of tuesday are off by -0.90 ± 0.1 px more" in said["message"]
+    for bias in (within, biased(0.4, 0.01), DisparityBias(1.0, window=1)):
+        assert not list(border_doubts(bias, recording, ["monday", "tuesday"]))
+
+
+def test_what_is_not_explained_is_not_taken_off_frames_that_it_was_asked_for():
+    bias = biased(0.4, 0.01, far_near=Estimate(0.7, 0.1))
+    (said,) = offset_doubts(STREET, bias, is_fixed=True)
+    assert "It is not used, and frames stay as they are" in said["message"]
 
 
 def test_it_is_said_what_an_offset_does_to_depth_at_10_and_30_m():
@@ -140,6 +164,9 @@ def test_the_report_says_it_in_words():
     assert "early and late. It is not used" in found["Disparities"].words
     assert "+0.20 ± 0.1, +0.90 ± 0.1, +1.40 ± 0.1 px" in found["Over time"].words
     assert "wrong baseline" in found["Focal length"].words
+    whole = given | {"disparity_offset_thirds_px": [0.9, 0.9, 0.9], "disparity_offset_drift_px": 0.0}
+    verdicts = [judge_calibration(whole | {"disparity_offset_step_px": step}, STREET, None)[1] for step in (None, 1.1)]
+    assert [(one.what, one.verdict) for one in verdicts] == [("Over time", "fine"), ("Over time", "wrong")]
     vague = judge_calibration(given | {"focal_length_error_std_percent": 4.0}, STREET, None)
     assert vague[-1].verdict == "not known"
     spoiled = {"disparity_offset_thirds_px": [None, "x", 1.0], "unexplained": 3, "focal_length_error_percent": "y"}

@@ -156,7 +156,8 @@ def _over_time(calibration: Mapping[str, Any]) -> Iterator[Finding]:
     drift, std = (_number(calibration, f"disparity_offset_drift_{name}") for name in ("px", "std_px"))
     if len(pairs) < _THIRDS or drift is None or std is None:
         return
-    verdict = _verdict(abs(drift), max(LARGE_OFFSET, SURE * std))
+    step = _number(calibration, "disparity_offset_step_px")  # there where it is large and certain
+    verdict = _verdict(abs(drift), max(LARGE_OFFSET, SURE * std)) if not step else _verdict(abs(step), LARGE_OFFSET)
     said = ", ".join(f"{value:+.2f} ± {spread:.2g}" for value, spread in pairs)
     end = "they agree." if verdict == "fine" else "they do not agree; was the rig knocked, or is more of it wrong?"
     words = f"Over the first, middle and last third of the path disparities are off by {said} px: {end}"

@@ -23,7 +23,7 @@ from ..vision.slam.keyframes.keyframe import MapSnapshot
 from ..vision.slam.odometry import StereoOdometry
 from .evaluate import describe_errors, measured
 from .map import snapshot_of
-from .offset_doubts import Warning_
+from .offset_doubts import Warning_, border_doubts
 from .sequence import SequenceRun
 
 _LANDMARKS = "landmark_id", "xyz"
@@ -145,7 +145,11 @@ def describe_recordings(sequence: SequenceRun) -> tuple[list[dict[str, Any]], li
         return [], []
     standing = stand(sequence)
     told = [_describe(sequence, sequence.source, standing, k) for k in range(len(sequence.source.names))]
-    return told, [warning for one in told for warning in _doubts(one, told[0]["name"])]
+    doubts = [warning for one in told for warning in _doubts(one, told[0]["name"])]
+    odometry = sequence.session.odometry
+    if isinstance(odometry, StereoOdometry):
+        doubts += border_doubts(odometry.mapper.bias, standing.recording, sequence.source.names)
+    return told, doubts
 
 
 def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing, k: int) -> dict[str, Any]:

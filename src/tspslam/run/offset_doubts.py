@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..types import FloatArray, Rig
 from ..vision.slam.back_end.disparity_bias import LARGE_FOCAL, LARGE_OFFSET, SURE, CalibrationHealth, DisparityBias
@@ -131,6 +132,9 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
     found |= _listed("disparity_offset_thirds", health.thirds)
     for name, each in (("drift", health.drift), ("far_near", health.far_near), ("right_left", health.right_left)):
         found |= _pair(f"disparity_offset_{name}", each)
+    step = health.sure_step
+    found |= _pair("disparity_offset_step", None if step is None else step.size)
+    found["disparity_offset_step_frames"] = None if step is None else [step.before, step.after]
     percent = Estimate(100 * health.focal.value, 100 * health.focal.std)
     found |= {"focal_length_error_percent": percent.value, "focal_length_error_std_percent": percent.std}
     found["unexplained"] = _reasons(health)
@@ -171,8 +175,9 @@ def offset_doubts(rig: Rig, bias: DisparityBias, *, is_fixed: bool) -> Iterator[
     health: CalibrationHealth | None = bias.health
     if health is not None and health.unexplained:
         reasons = "; ".join(_reasons(health))
+        kept = "It is not used, and frames stay as they are" if is_fixed else "It is not used"
         message = (
-            f"{said}, but one offset does not explain it: {reasons}. It is not used: was the rig knocked, or is more "
+            f"{said}, but one offset does not explain it: {reasons}. {kept}: was the rig knocked, or is more "
             f"of its calibration wrong? By the largest difference {describe_depths(rig, _largest(health))}"
         )
         yield {"code": "offset_unexplained", "message": message}
@@ -203,6 +208,34 @@ def _reasons(health: CalibrationHealth) -> list[str]:
 def _largest(health: CalibrationHealth) -> float:
     """The largest of the differences that are not explained, px."""
     return max((each.value for _, each in health.unexplained), key=abs)
+
+
+def border_doubts(bias: DisparityBias, recording: NDArray[np.int64], names: Sequence[str]) -> Iterator[Warning_]:
+    """Doubt that two recordings of a run have one calibration: the offset steps where one ends and the next begins.
+
+    Parameters
+    ----------
+    bias : DisparityBias
+        Of a finished path.
+    recording : (T,) int64
+        Which recording each frame of the path is of.
+    names : sequence of str
+        What these are called.
+
+    Yields
+    ------
+    dict of str to str
+        As `offset_doubts`.
+    """
+    step = None if bias.health is None else bias.health.sure_step
+    if step is None or recording[step.before] == recording[step.after]:
+        return
+    before, after = (names[int(recording[frame])] for frame in (step.before, step.after))
+    message = (
+        f"{after} and {before} seem to have other calibrations: disparities of {after} are off by "
+        f"{step.size.value:+.2f} ± {step.size.std:.2g} px more"
+    )
+    yield {"code": "offsets_differ", "message": message}
 
 
 def rows_doubts(offsets: Sequence[float], lone_std: float = np.inf) -> Iterator[Warning_]:

@@ -47,6 +47,7 @@ ADVICE = {
         "Let the recording pass a place that the others saw, in the same direction; its own path is in its own file."
     ),
     "offset_unexplained": "Calibrate the pair anew; if it was knocked, run what is before and what is after.",
+    "offsets_differ": "Run each recording by itself, with its own calibration: this run takes no offset off either.",
     "polygons": "Nothing is to be done; cut the faces yourself where another diagonal would be better.",
     "repeated_corners": "Filter it again with --merge-corners, so that what touches is joined.",
     "scan_dropped": "Nothing is to be done for beams that met nothing; else look at what wrote the scan.",

@@ -6,7 +6,7 @@ A wrong baseline scales path and map alike: nothing in a stereo path tells.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -19,13 +19,19 @@ from ..keyframes.map import Map
 from ..least_squares.bundle import Observations
 from ..least_squares.offsets import Estimate, PieceEquations, Solution
 from .disparity_bias import CalibrationHealth, DisparityBias
+from .offset_steps import find_step
 
+_Make = Callable[[FloatArray, FloatArray, Observations], PieceEquations]  # of poses, points and what is seen
+
+_LAP = 3  # keyframes that two pieces share: a step between them then has two on either side in one; they count twice
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
 _VAGUE = 10.0  # px; an offset that is known no better is not known
 _LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
-_ONE = np.array([[1.0], [1], [1], [1], [0]])  # one offset of the four groups
-_TOGETHER = np.column_stack([_ONE, (0.0, 0, 0, 0, 1)])  # and the focal length
+_ONE = np.eye(5)[:, :1]  # one offset of all, of (offset, far less near, right less left, their product, focal length)
+_GROUPS, _TURNING = np.eye(5)[:, :4], np.eye(5)[:, [0, 4]]
+_SHARED = 0.01  # px, that all matches err alike as they are interpolated: 0.009 in renderings
+_HIDDEN = 0.02  # of the offset, that gates hide before it is known: 1 px comes out as 0.96 to 1.02 in renderings
 _STEP = 1.5  # times that by which the middle third is off the middle: a step is 2 or more, wherever it is
 
 
@@ -50,27 +56,35 @@ def measure_health(map_: Map, rig: Rig, sigma_uv: float, sigma_offset: float) ->
     """
     every, used = _Pieces(map_, sigma_uv), rig.doffs - map_.rig.doffs
     ends = np.linspace(0, len(map_.keyframes), 4).astype(int).tolist()
-    thirds = [_third(every.equations(map_.keyframes[start:end])) for start, end in pairwise(ends)]  # one by one: large
-    whole = every.equations(map_.keyframes)
-    if not whole:
+    pieces = every.each(map_.keyframes)
+    if not pieces:
         return None
-    groups, turning = Solution(whole, np.eye(5)[:, :4]), Solution(whole, _TOGETHER)
+    whole = list(pieces.values())
+    offset, spread = Solution(whole, _ONE).combine((1.0,))
+    thirds = [_third(every.common(map_.keyframes[start:end]), spread) for start, end in pairwise(ends)]
+    far_near, right_left = Solution(whole, _GROUPS).contrast((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
     return CalibrationHealth(
-        offset=_with_prior(Solution(whole, _ONE).combine((1.0,)).plus(used), sigma_offset),
-        thirds=tuple(None if offset is None else offset.plus(used) for offset, _ in thirds),
+        offset=_with_prior(_with_shared(offset.plus(used)), sigma_offset),
+        thirds=tuple(None if found is None else found.plus(used) for found, _ in thirds),
         drift=_drift([contrast for _, contrast in thirds]),
-        far_near=groups.contrast((0.5, 0.5, -0.5, -0.5)),
-        right_left=groups.contrast((-0.5, 0.5, -0.5, 0.5)),
-        focal=turning.contrast((0.0, 1.0)),
+        far_near=far_near,
+        right_left=right_left,
+        focal=Solution(whole, _TURNING).contrast((0.0, 1.0))[0],
+        step=find_step(pieces, map_),
     )
 
 
-def _third(pieces: Sequence[PieceEquations]) -> tuple[Estimate | None, Estimate | None]:
+def _third(pieces: Sequence[PieceEquations], spread: float) -> tuple[Estimate | None, Estimate | None]:
     """The offset of part of a path, and the same where it is what one offset of all would take for chance."""
     if not pieces:
         return None, None
-    solution = Solution(pieces, _ONE)
-    return _known(solution.combine((1.0,))), _known(solution.contrast((1.0,)))
+    solution = Solution(pieces, np.eye(1))
+    return _known(solution.combine((1.0,), spread)[0]), _known(solution.contrast((1.0,))[0])
+
+
+def _with_shared(found: Estimate) -> Estimate:
+    """An estimate with what no scatter tells: what all matches have in common."""
+    return Estimate(found.value, float(np.linalg.norm([found.std, _SHARED, _HIDDEN * found.value])))
 
 
 def _drift(thirds: Sequence[Estimate | None]) -> Estimate | None:
@@ -120,30 +134,50 @@ def settle_offset(bias: DisparityBias, map_: Map, rig: Rig, sigma_uv: float) -> 
 
 
 class _Pieces:
-    """Pieces of a map's path, each adjusted by itself."""
+    """Pieces of a map's path, each adjusted by itself; neighbours share a few keyframes."""
 
     def __init__(self, map_: Map, sigma_uv: float) -> None:
-        self._map, self._sigma_uv = map_, sigma_uv
+        self._map, self._rig, self._sigma_uv = map_, map_.rig, sigma_uv
         disparity = map_.observations()["disparity"]
         known = disparity[np.isfinite(disparity)]
         self._middle = float(np.median(known)) if len(known) else 0.0
 
-    def equations(self, frames: Sequence[Keyframe]) -> list[PieceEquations]:
-        """Those of some keyframes in a row, a piece after the other; none where there is too little to tell."""
+    def each(self, frames: Sequence[Keyframe]) -> dict[int, PieceEquations]:
+        """Those of keyframes in a row, with an offset of each, piece by piece by the place of its first keyframe.
+
+        Those of the focal length and of groups of points come with them; none where too little is told.
+        """
+        return self._equations(
+            frames,
+            lambda T, xyz, seen: PieceEquations(
+                self._rig, T, xyz, seen, np.arange(len(T)), _columns(self._rig, T, xyz, seen, self._middle)
+            ),
+        )
+
+    def common(self, frames: Sequence[Keyframe]) -> list[PieceEquations]:
+        """Those of one offset of keyframes in a row."""
+        found = self._equations(
+            frames,
+            lambda T, xyz, seen: PieceEquations(
+                self._rig, T, xyz, seen, np.zeros(len(T), np.int64), np.empty((len(seen.pose), 3, 0))
+            ),
+        )
+        return list(found.values())
+
+    def _equations(self, frames: Sequence[Keyframe], make: _Make) -> dict[int, PieceEquations]:
         count = max(1, -(-len(frames) // _PIECE))
         ends = np.linspace(0, len(frames), count + 1).astype(int).tolist()
-        found = [self._of_piece(frames[start:end]) for start, end in pairwise(ends)]
-        return [each for each in found if each is not None]
+        found = {start: self._of_piece(frames[start : end + _LAP], make) for start, end in pairwise(ends)}
+        return {start: each for start, each in found.items() if each is not None}
 
-    def _of_piece(self, frames: Sequence[Keyframe]) -> PieceEquations | None:
+    def _of_piece(self, frames: Sequence[Keyframe], make: _Make) -> PieceEquations | None:
         if len(frames) < 2:
             return None
         seen, rows = self._observations(frames)
         if len(rows) < _LEAST_POINTS:
             return None
-        T, xyz, rig = np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], self._map.rig
         try:
-            return PieceEquations(rig, T, xyz, seen, _columns(rig, T, xyz, seen, self._middle))
+            return make(np.stack([frame.T_world_camera for frame in frames]), self._map.xyz[rows], seen)
         except GeometryError:
             return None
 
@@ -163,20 +197,21 @@ class _Pieces:
 
 
 def _columns(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observations, middle: float) -> FloatArray:
-    """Derivatives of (u, v, disparity), (O, 3, 5): by the offsets of far left, far right, near left, near right; by f.
+    """Derivatives of (u, v, disparity), (O, 3, 4), by what groups of points differ in, and by the focal length.
 
-    The focal length counts by its logarithm; `middle` is the disparity from which points are near.
+    By the offset of far points less that of near ones, those of a disparity from `middle` on; of those on the right
+    less that of those on the left; by the product of both; and by the focal length's logarithm.
     """
     T_camera_world = inverse(T_world_camera)
     points = (
         np.einsum("oij,oj->oi", T_camera_world[seen.pose, :3, :3], xyz[seen.point]) + T_camera_world[seen.pose, :3, 3]
     )
-    columns, known = np.zeros((len(points), 3, 5)), np.flatnonzero(np.isfinite(seen.disparity))
+    columns, known = np.zeros((len(points), 3, 4)), np.flatnonzero(np.isfinite(seen.disparity))
     depth = np.maximum(points[:, 2], _LEAST_DEPTH)
     expected = rig.fx * rig.baseline / depth - rig.doffs  # as measured ones would choose their group by their errors
-    group = 2 * (expected >= middle) + (seen.uv[:, 0] >= rig.width / 2)
-    columns[known, 2, group[known]] = 1
-    columns[:, 0, 4] = (rig.fx * points[:, 0] + rig.skew * points[:, 1]) / depth
-    columns[:, 1, 4] = rig.fy * points[:, 1] / depth
-    columns[known, 2, 4] = rig.fx * rig.baseline / depth[known]
+    far, right = (np.where(is_so, 0.5, -0.5) for is_so in (expected < middle, seen.uv[:, 0] >= rig.width / 2))
+    columns[known, 2, :3] = np.column_stack([far, right, far * right])[known]
+    columns[:, 0, 3] = (rig.fx * points[:, 0] + rig.skew * points[:, 1]) / depth
+    columns[:, 1, 3] = rig.fy * points[:, 1] / depth
+    columns[known, 2, 3] = rig.fx * rig.baseline / depth[known]
     return columns

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from ...._brief import Brief
 from ....types import Rig
 from ..least_squares.offsets import Estimate
+from .offset_steps import OffsetStep
 
 LARGE_OFFSET = 0.5  # px: recordings calibrated with care have up to 0.4 (KITTI 05)
 LARGE_FOCAL = 0.05  # of the focal length: KITTI 05, which turns, has 0.022 and a path that is right to 0.04 m
@@ -31,6 +32,8 @@ class CalibrationHealth(Brief):
         That of the right half of the image less that of the left half, px.
     focal : Estimate
         Share by which the true focal length is more than that of the calibration; uncertain where nothing turns.
+    step : OffsetStep or None
+        Where the offset steps the most; None where there are too few keyframes.
     """
 
     offset: Estimate
@@ -39,13 +42,22 @@ class CalibrationHealth(Brief):
     far_near: Estimate
     right_left: Estimate
     focal: Estimate
+    step: OffsetStep | None = None
 
     @property
     def unexplained(self) -> tuple[tuple[str, Estimate], ...]:
         """Large differences that one offset of all disparities cannot explain, px, with what is compared."""
         found = [("far and near points", self.far_near), ("the right and left of the image", self.right_left)]
         found += [] if self.drift is None else [("the last and first third of the path", self.drift)]
-        return tuple((words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE))
+        large = [(words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE)]
+        if (step := self.sure_step) is not None:
+            large.append((f"frames of the path from {step.after} on and those up to {step.before}", step.size))
+        return tuple(large)
+
+    @property
+    def sure_step(self) -> OffsetStep | None:
+        """The step, if it is large and certain."""
+        return self.step if self.step is not None and self.step.exceeds(LARGE_OFFSET) else None
 
 
 class DisparityBias:
