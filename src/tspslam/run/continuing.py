@@ -14,6 +14,7 @@ import numpy as np
 from .._atomic import atomic_write, bad_output
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line, read_bytes
+from .._npz import Arrays
 from ..datasets.joined import Excerpt, JoinedSequence, Recording, StoredRecording, check_same_rig
 from ..errors import InputError
 from ..io import RunFolder, StoredRun, load_run, read_frame
@@ -83,7 +84,7 @@ def run_into(
     lock = FolderLock(place)
     try:
         resolved = _settings(place, given)
-        rows, parts = _parts(stored)
+        rows, _, parts = stored_parts(stored)
         _refuse_again(parts, rows, recordings, resolved)
         source = JoinedSequence([*parts, *recordings])
         _bring(place, work, settings_of(source, None, resolved))
@@ -127,8 +128,28 @@ def _settings(place: Path, given: Resolved | None) -> Resolved:
     return own
 
 
-def _parts(stored: StoredRun) -> tuple[list[Row], list[StoredRecording]]:
-    """The rows of a run, and its recordings."""
+def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecording]]:
+    """Find what of a finished run can be gone on with.
+
+    Parameters
+    ----------
+    stored : StoredRun
+        The run.
+
+    Returns
+    -------
+    rows : list of FrameRecord or SkippedPair
+        Of its checkpoint.
+    state : dict of str to array
+        Likewise; the odometry's, before the end of the path.
+    recordings : list of StoredRecording
+        What it is of.
+
+    Raises
+    ------
+    InputError
+        If it is of another version, of a single pair, or of part of its source.
+    """
     place, record = stored.path, stored.record
     folder = RunFolder.open(place)
     if "command" in folder.config or "per_frame" not in record:
@@ -138,19 +159,19 @@ def _parts(stored: StoredRun) -> tuple[list[Row], list[StoredRecording]]:
     chosen = folder.config.get("source", {}).get("frames")
     if chosen is not None and (chosen[0] != 0 or chosen[2] != 1):
         raise bad_input(place, f"is of frames {chosen[0]}:{chosen[1]}:{chosen[2]} of its source", "frames from 0 on")
-    rows = _rows(folder)
+    rows, state = _checkpoint(folder)
     rig = read_frame(folder.finished_frame(stored.stored[0])).rig
-    return rows, list(_recordings(record, rows, rig))
+    return rows, state, list(_recordings(record, rows, rig))
 
 
-def _rows(folder: RunFolder) -> list[Row]:
-    """Rows of the checkpoint of a run."""
+def _checkpoint(folder: RunFolder) -> tuple[list[Row], Arrays]:
+    """The checkpoint of a run: its rows, and the state of the odometry."""
     path = folder.path / STATE_NAME
     if STATE_NAME not in folder.units:
         raise bad_input(folder.path, f"has no {STATE_NAME}", "a run whose path is from its pairs")
     folder.check_unchanged(path)
     try:
-        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)[0]
+        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)
     except InputError as error:
         raise bad_input(path, f"cannot be gone on with ({error})", "the checkpoint of a run of this version") from error
 
@@ -208,14 +229,22 @@ def _bring(place: Path, work: Path, settings: dict[str, Any]) -> None:
         for name in (*sorted(names), STATE_NAME):  # the checkpoint counts once all is there
             unit = run_folder.units[name]
             if name not in folder.units:
-                _link(place / name, work / name)
+                link_file(place / name, work / name)
                 folder.record(work / name, input_hash=unit.input)
             if folder.units[name].sha256 != unit.sha256:
                 raise bad_input(place / name, "was changed since the run", "the file that the manifest lists")
 
 
-def _link(file: Path, target: Path) -> None:
-    """Give a file a second name, which costs no room; a copy where the disk cannot."""
+def link_file(file: Path, target: Path) -> None:
+    """Give a file a second name, which costs no room; a copy where the disk cannot.
+
+    Parameters
+    ----------
+    file : path
+        What is there.
+    target : path
+        Its other name; what has that name goes.
+    """
     try:
         target.unlink(missing_ok=True)
         os.link(file, target)

@@ -109,7 +109,7 @@ class LoopProblem(Brief):
             If the edges do not fix the keyframes.
         """
         T = np.stack([frame.T_world_camera for frame in self.frames])
-        i, j, own, information = self._neighbours(T)
+        i, j, own, information = self.neighbours(T)
         older, T_loop, told = self._loop_edge(T)
         T_ij = normalised(inverse(T[i]) @ T[j])
         edges = PoseEdges(
@@ -125,7 +125,7 @@ class LoopProblem(Brief):
         ]
         frames[0] = self.frames[0]
         numbers = {frame.index for frame, is_moved in zip(frames[1:], moved[1:], strict=True) if is_moved}
-        return LoopCorrection(motions, join_parts(frames, older, len(T) - 1), self._moved(motions), numbers)
+        return LoopCorrection(motions, join_parts(frames, older, len(T) - 1), self.move_landmarks(motions), numbers)
 
     def _are_moved(self, bent: FloatArray, j: NDArray[np.int64], own: FloatArray) -> BoolArray:
         """Which keyframes see their landmarks elsewhere, where edges that end at j were bent so."""
@@ -138,8 +138,19 @@ class LoopProblem(Brief):
         moved[j[square > _FELT**2]] = True
         return moved
 
-    def _moved(self, motions: FloatArray) -> FloatArray:
-        """Landmarks, each moved with the keyframe that first saw it."""
+    def move_landmarks(self, motions: FloatArray) -> FloatArray:
+        """Move each landmark with the keyframe that first saw it.
+
+        Parameters
+        ----------
+        motions : (K, 4, 4) float64
+            How each keyframe moves in the world.
+
+        Returns
+        -------
+        (M, 3) float64
+            m.
+        """
         frames = self.frames[::-1]
         first_seen = np.zeros(len(self.xyz), np.int64)
         places = np.repeat(np.arange(len(frames))[::-1], [len(frame.landmark) for frame in frames])
@@ -161,8 +172,23 @@ class LoopProblem(Brief):
         except GeometryError:
             return None
 
-    def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, FloatArray]:
-        """Pairs of keyframes; what the sights of each keyframe tell of it, and the share of that which a pair has."""
+    def neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, FloatArray]:
+        """Find pairs of keyframes, and what landmarks in common tell of one against the other.
+
+        Parameters
+        ----------
+        T : (K, 4, 4) float64
+            Poses of the keyframes.
+
+        Returns
+        -------
+        i, j : (E,) int64
+            Which follow each other, or see enough landmarks in common.
+        own : (K, 6, 6) float64
+            What the sights of each keyframe tell of its pose.
+        information : (E, 6, 6) float64
+            The share of that which each pair has.
+        """
         i, j, shared = _sharing(self.frames, len(self.xyz))
         share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
         own = self._informations(self.frames, T)
@@ -189,10 +215,28 @@ class LoopProblem(Brief):
 
     def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """The older keyframe, where the last one is seen from there, and the information."""
-        loop = self.loop
-        older = _older_place(self.frames, loop, len(self.xyz))
+        older = _older_place(self.frames, self.loop, len(self.xyz))
+        return older, *self.edge_from(older, self.loop, T)
+
+    def edge_from(self, place: int, loop: Keyframe, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Find what sights of older landmarks tell of a keyframe against one that it sees again.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe is seen again.
+        loop : Keyframe
+            Pose and sights of the other, as the older landmarks have them.
+        T : (K, 4, 4) float64
+            Poses of the keyframes.
+
+        Returns
+        -------
+        (4, 4) float64, (6, 6) float64
+            ``T_place_loop`` and its information.
+        """
         information = self._informations([loop], loop.T_world_camera[None])[0] + _LOOSE
-        return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
+        return normalised(inverse(T[place]) @ loop.T_world_camera), information
 
 
 def _sharing(frames: Sequence[Keyframe], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,216 @@
+"""Steps of a join: what each makes of which files, named by a digest of all that it depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._atomic import make_folder, write_bytes
+from ..._threads import set_threads
+from ...io import RunFolder
+from ...run._stored_rows import text_of
+from ...run.record import FrameRecord, hash_of
+from ...run.sequence import MADE_BY
+from ..job import Outcome, attempt
+from .assembling import assemble
+from .joined_runs import JoinedRuns
+from .matching import read_candidates, read_shared, write_candidates, write_shared
+from .runs import FinishedRun
+from .states import finish_state, read_checkpoint
+
+KEYFRAMES = 25
+"""Keyframes that one step looks for at their candidates: a second or two on one core, so that little is lost."""
+FRAMES = 50
+"""Frames that one step numbers anew: likewise."""
+_DIGITS = 16  # hexadecimal, of a digest in a name: two of 2**32 are the same by chance
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where the files of a join are, by what they are made from.
+
+    Attributes
+    ----------
+    runs : tuple of FinishedRun
+        Two or more.
+    folder : str
+        Of the files of the steps.
+    """
+
+    runs: tuple[FinishedRun, ...]
+    folder: str
+
+    @cached_property
+    def joined(self) -> JoinedRuns:
+        """The runs as one sequence."""
+        return JoinedRuns(self.runs)
+
+    @property
+    def digest(self) -> str:
+        """Hash of all that the joined map is made from."""
+        return self._hash("joined", self.runs)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of each two runs."""
+        count = len(self.runs)
+        return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+    def state(self, r: int) -> Path:
+        """Where the state of run r at the end of its path goes."""
+        return self._file("state", (self.runs[r],))
+
+    def candidates(self, i: int, j: int) -> Path:
+        """Where candidates for keyframes of run j in run i go."""
+        return self._file("candidates", (self.runs[i], self.runs[j]))
+
+    def shared(self, i: int, j: int, part: int) -> Path:
+        """Where the proved ones of a part of these go."""
+        return self._file(f"shared-{part}", (self.runs[i], self.runs[j]))
+
+    def frames(self, r: int, part: int) -> Path:
+        """Where the mark goes that some frames of run r are numbered anew."""
+        return self._file(f"frames-{r}-{part}", self.runs, "done")
+
+    def frame(self, index: int) -> Path:
+        """Where the frame of that index, numbered anew, goes."""
+        return Path(self.folder) / f"frames-{self.digest[:_DIGITS]}" / f"{index:06d}.npz"
+
+    @property
+    def map(self) -> Path:
+        """Where the checkpoint of the joined run goes."""
+        return self._file("joined", self.runs)
+
+    def part_of_candidates(self, i: int, j: int, part: int) -> NDArray[np.int64]:
+        """Candidates of some of the keyframes of run j."""
+        found = read_candidates(self.candidates(i, j))
+        keyframes = np.unique(found[:, 0])[part * KEYFRAMES : (part + 1) * KEYFRAMES]
+        return found[np.isin(found[:, 0], keyframes)]
+
+    def count_parts(self, i: int, j: int) -> int:
+        """How many parts the candidates have."""
+        return -(-len(np.unique(read_candidates(self.candidates(i, j))[:, 0])) // KEYFRAMES)
+
+    def _file(self, kind: str, runs: tuple[FinishedRun, ...], suffix: str = "npz") -> Path:
+        return Path(self.folder) / f"{kind}-{self._hash(kind, runs)[:_DIGITS]}.{suffix}"
+
+    @staticmethod
+    def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
+        return hash_of([MADE_BY.decode(), kind, [run.state for run in runs]])
+
+
+@dataclass(frozen=True)
+class Step:
+    """One task of a join.
+
+    Attributes
+    ----------
+    kind : str
+        "state", "candidates", "shared", "frames" or "map".
+    plan : Plan
+        Of the join.
+    which : tuple of int
+        Numbers of runs and, of a part of a task, which part.
+    ticket, topic : str
+        As `tspslam.scale.job.Job` has them.
+    threads : int
+        For this step.
+    """
+
+    kind: str
+    plan: Plan
+    which: tuple[int, ...] = ()
+    ticket: str = ""
+    topic: str = ""
+    threads: int = 1
+
+    @property
+    def name(self) -> str:
+        """One word that no other step of the join has."""
+        return "-".join([self.kind, *map(str, self.which)])
+
+    @property
+    def source(self) -> str:
+        """What it is about, for people."""
+        return " and ".join(self.plan.runs[r].path for r in self.which[:2]) or self.plan.folder
+
+    @property
+    def target(self) -> Path:
+        """The file that is there once it is done."""
+        made = getattr(self.plan, self.kind)
+        path: Path = made(*self.which) if self.which else made
+        return path
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it was done before."""
+        return self.target.is_file()
+
+
+def run_step(step: Step) -> Outcome:
+    """Do a step of a join.
+
+    Parameters
+    ----------
+    step : Step
+        Which.
+
+    Returns
+    -------
+    Outcome
+    """
+    return attempt(step, _do)
+
+
+def _do(step: Step) -> None:
+    set_threads(step.threads)
+    _MAKERS[step.kind](step.plan, step.target, *step.which)
+
+
+def _make_state(plan: Plan, target: Path, r: int) -> None:
+    finish_state(plan.runs[r], target)
+
+
+def _make_candidates(plan: Plan, target: Path, i: int, j: int) -> None:
+    write_candidates((plan.runs[i], plan.runs[j]), (plan.state(i), plan.state(j)), target)
+
+
+def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
+    candidates = plan.part_of_candidates(i, j, part)
+    write_shared((plan.runs[i], plan.runs[j]), (plan.state(i), plan.state(j)), candidates, target)
+
+
+def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
+    """Number some frames of run r, and their rows, anew."""
+    own, _ = read_checkpoint(plan.state(r))
+    rows, before = plan.joined.rows(r, own), RunFolder.open(plan.runs[r].path)
+    stored = [
+        (old.index, row) for old, row in zip(own, rows, strict=True)
+        if isinstance(row, FrameRecord) and row.complex_ is not None
+    ]  # fmt: skip
+    for index, row in stored[part * FRAMES : (part + 1) * FRAMES]:
+        file = plan.frame(row.index)
+        make_folder(file.parent)
+        plan.joined.copy_frame(r, before.finished_frame(index), file, row)
+        write_bytes(file.with_suffix(".json"), text_of(row))
+    write_bytes(target, b"")
+
+
+def _make_map(plan: Plan, target: Path) -> None:
+    shared = [
+        (i, j, read_shared(plan.shared(i, j, part))) for i, j in plan.pairs for part in range(plan.count_parts(i, j))
+    ]
+    assemble(plan.joined, [plan.state(r) for r in range(len(plan.runs))], shared, target)
+
+
+_MAKERS = {
+    "state": _make_state,
+    "candidates": _make_candidates,
+    "shared": _make_shared,
+    "frames": _make_frames,
+    "map": _make_map,
+}
