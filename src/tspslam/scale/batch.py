@@ -249,7 +249,9 @@ class _Batch:
 
     def _follow(self, client: Client, topic: str, jobs: Sequence[Job]) -> None:
         client.subscribe_topic(topic, lambda event: self._on_event(Event("step", values=event[1])))
-        for job, outcome in Dispatcher(client, run_job, lambda text: self._on_event(Event("note", text))).outcomes(jobs):
+        for job, outcome in Dispatcher(client, run_job, lambda text: self._on_event(Event("note", text))).outcomes(
+            jobs
+        ):
             self._rows[job.name] = row = self._row_of(job, outcome)
             self._on_event(Event("row", row=row))
             with contextlib.suppress(OutputError):  # the last one says it

@@ -88,7 +88,7 @@ def _note(odometry: StereoOdometry, found: JoinedParts) -> None:
 
 def _links(odometry: StereoOdometry, found: JoinedParts) -> Links:
     """How well frames are known against keyframes of places that they see again."""
-    map_, mapper, shared = odometry.map, odometry.mapper, found.shared
+    mapper, shared = odometry.mapper, found.shared
     known = {frame: row for row, frame in enumerate(mapper.loops.frame.tolist())}
     links = {frame: (int(mapper.loops.against[row]), mapper.loops.covariance[row]) for frame, row in known.items()}
     for frame, place in zip(shared.keyframe.tolist(), shared.place.tolist(), strict=True):
@@ -106,9 +106,9 @@ def _link(odometry: StereoOdometry, frame: int, place: int) -> tuple[int, FloatA
     numbers = [keyframe.index for keyframe in map_.keyframes]
     seen, other = map_.keyframes[numbers.index(frame)], numbers.index(place)
     both = np.isin(seen.landmark, map_.keyframes[other].landmark)
-    rows, uv, disparity, sigma = (column[both] for column in (seen.landmark, seen.uv, seen.disparity, seen.sigma))
-    estimate = PoseEstimate(seen.T_world_camera, rows, uv, disparity, np.full((6, 6), np.inf))
-    found = refine_pose(map_.rig, estimate, map_.xyz, disparity, sigma, tracking)
+    rows, sigma, unknown = seen.landmark[both], seen.sigma[both], np.full((6, 6), np.inf)
+    estimate = PoseEstimate(seen.T_world_camera, rows, seen.uv[both], seen.disparity[both], unknown)
+    found = refine_pose(map_.rig, estimate, map_.xyz, estimate.disparity, sigma, tracking)
     if not np.isfinite(found.covariance).all():
         return None
     order = np.argsort(rows)

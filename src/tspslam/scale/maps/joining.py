@@ -9,7 +9,6 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from ..._atomic import bad_output, is_temporary, make_folder
 from ..._checks import require_path
@@ -27,9 +26,7 @@ from .runs import find_runs
 from .steps import FRAMES, Plan, Step, run_step
 from .writing import check_out, write_run
 
-if TYPE_CHECKING:
-    from distributed import Client
-
+Outcomes = Callable[[Sequence[Step]], Iterator[tuple[Step, Outcome]]]
 _MARK = "join.txt"  # in the folder of the steps
 _FEWEST = 2  # runs
 
@@ -169,6 +166,11 @@ def _clear(folder: Path) -> None:
         raise bad_output(folder, error) from error
 
 
+def _here(steps: Sequence[Step]) -> Iterator[tuple[Step, Outcome]]:
+    """Do steps in this process."""
+    return ((step, run_step(step)) for step in steps)
+
+
 class _Join:
     """The steps of one join, up to the state of the joined run."""
 
@@ -189,13 +191,13 @@ class _Join:
             return
         with self._ticket() as ticket:
             if workers is None:
-                self._run_all(lambda steps: ((step, run_step(step)) for step in steps), Step("map", self.plan, (), ticket))
+                self._do_all(_here, Step("map", self.plan, (), ticket))
                 return
             paths = [ticket, *(run.path for run in self.plan.runs)]
             with connected(workers, self._most(), paths) as (client, threads, said):
                 self.say(said)
                 like = Step("map", self.plan, (), ticket, os.path.basename(ticket), threads)
-                self._run_all(lambda steps: Dispatcher(client, run_step, self.say).outcomes(steps), like)
+                self._do_all(Dispatcher(client, run_step, self.say).outcomes, like)
 
     def _most(self) -> int:
         """How many steps there may be at a time."""
@@ -213,25 +215,26 @@ class _Join:
         finally:
             shutil.rmtree(ticket, ignore_errors=True)
 
-    def _run_all(self, outcomes: Callable[[Sequence[Step]], Any], like: Step) -> None:
+    def _do_all(self, outcomes: Outcomes, like: Step) -> None:
         """Do the steps, level by level: each needs files of those before it alone."""
-
-        def steps(kind: str, *which: tuple[int, ...]) -> list[Step]:
-            return [replace(like, kind=kind, plan=self.plan, which=each) for each in which]
-
-        def follow(wanted: list[Step]) -> Iterator[tuple[Step, Outcome]]:
-            left = [step for step in wanted if not step.is_done]
-            kinds = " and ".join(dict.fromkeys(step.kind for step in wanted))
-            self.say(f"{kinds}: {len(left)} of {len(wanted)} steps to do")
-            yield from outcomes(left)
-
-        self._leave_out(follow(steps("state", *((r,) for r in range(len(self.plan.runs))))))
+        self._leave_out(self._follow(outcomes, self._steps(like, "state", [(r,) for r in range(len(self.plan.runs))])))
         plan = self.plan
-        _require(follow(steps("candidates", *plan.pairs)))
+        _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
         parts = [(i, j, part) for i, j in plan.pairs for part in range(plan.count_parts(i, j))]
         frames = [(r, part) for r, run in enumerate(plan.runs) if r for part in range(-(-run.stored // FRAMES))]
-        _require(follow([*steps("shared", *parts), *steps("frames", *frames)]))
-        _require(follow(steps("map", ())))
+        both = [*self._steps(like, "shared", parts), *self._steps(like, "frames", frames)]
+        _require(self._follow(outcomes, both))
+        _require(self._follow(outcomes, self._steps(like, "map", [()])))
+
+    def _steps(self, like: Step, kind: str, which: Sequence[tuple[int, ...]]) -> list[Step]:
+        return [replace(like, kind=kind, plan=self.plan, which=each) for each in which]
+
+    def _follow(self, outcomes: Outcomes, wanted: Sequence[Step]) -> Iterator[tuple[Step, Outcome]]:
+        """Do those steps of a level that are not done yet."""
+        left = [step for step in wanted if not step.is_done]
+        if wanted:
+            self.say(f"{' and '.join(dict.fromkeys(step.kind for step in wanted))}: {len(left)} of {len(wanted)} to do")
+        return outcomes(left)
 
     def _leave_out(self, outcomes: Iterator[tuple[Step, Outcome]]) -> None:
         """Go on without the runs whose state cannot be used."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._npz import Arrays
 from ...io._form import Form, read_arrays, write_arrays
 from ...vision.slam.odometry import StereoOdometry
 from ...vision.slam.places.loop_closing import PlaceRecognition
@@ -109,8 +110,8 @@ def read_shared(path: Path) -> SharedPlaces:
     -------
     SharedPlaces
     """
+    return read_arrays(path, _SHARED, _shared_of)
 
-    def shared_of(arrays: dict[str, NDArray[np.generic]]) -> SharedPlaces:
-        return SharedPlaces(**{name: arrays[name] for name in _SHARED.arrays})
 
-    return read_arrays(path, _SHARED, shared_of)
+def _shared_of(arrays: Arrays) -> SharedPlaces:
+    return SharedPlaces(**{name: arrays[name] for name in _SHARED.arrays})

@@ -95,7 +95,9 @@ def _read_run(path: PathLike) -> FinishedRun:
     folder = RunFolder.open(stored.path)
     tracked = [row for row in rows if isinstance(row, FrameRecord)]
     if len(rows) != sum(map(len, parts)):
-        raise bad_input(path, f"has {len(rows)} frames in its checkpoint", f"{sum(map(len, parts))}, as in its run.json")
+        raise bad_input(
+            path, f"has {len(rows)} frames in its checkpoint", f"{sum(map(len, parts))}, as in its run.json"
+        )
     run = FinishedRun(
         os.path.abspath(path), folder.units[STATE_NAME].sha256, tuple(parts), len(rows), len(tracked),
         sum(row.complex_ is not None for row in tracked), int(state["next_id"]), tracked[0].input_hash,

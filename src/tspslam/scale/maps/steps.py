@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -117,8 +118,8 @@ class Step:
         Numbers of runs and, of a part of a task, which part.
     ticket, topic : str
         As `tspslam.scale.job.Job` has them.
-    threads : int
-        For this step.
+    threads : int or None
+        For this step; None for as many as the process has.
     """
 
     kind: str
@@ -126,7 +127,7 @@ class Step:
     which: tuple[int, ...] = ()
     ticket: str = ""
     topic: str = ""
-    threads: int = 1
+    threads: int | None = None
 
     @property
     def name(self) -> str:
@@ -167,7 +168,8 @@ def run_step(step: Step) -> Outcome:
 
 
 def _do(step: Step) -> None:
-    set_threads(step.threads)
+    if step.threads is not None:
+        set_threads(step.threads)
     _MAKERS[step.kind](step.plan, step.target, *step.which)
 
 
@@ -207,7 +209,7 @@ def _make_map(plan: Plan, target: Path) -> None:
     assemble(plan.joined, [plan.state(r) for r in range(len(plan.runs))], shared, target)
 
 
-_MAKERS = {
+_MAKERS: dict[str, Callable[..., None]] = {
     "state": _make_state,
     "candidates": _make_candidates,
     "shared": _make_shared,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from ...io import RunFolder
@@ -72,21 +71,16 @@ def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
 def _bring(plan: Plan, folder: RunFolder) -> None:
     """Bring the frames, and the state: that counts once all is there."""
     rows, _ = read_checkpoint(plan.map)
+    first = RunFolder.open(plan.runs[0].path)
     for row in rows:
-        if isinstance(row, FrameRecord) and row.complex_ is not None:
-            for file, target in _files(plan, folder, row):
-                link_file(file, target)
-                folder.record(target, input_hash=row.input_hash)
+        if not isinstance(row, FrameRecord) or row.complex_ is None:
+            continue
+        file, target = plan.frame(row.index), folder.frame_path(row.index)
+        if row.index < plan.runs[0].pairs:  # it keeps its numbers
+            file = first.finished_frame(row.index)
+            first.check_unchanged(file.with_suffix(".json"))
+        for suffix in (".npz", ".json"):
+            link_file(file.with_suffix(suffix), target.with_suffix(suffix))
+            folder.record(target.with_suffix(suffix), input_hash=row.input_hash)
     link_file(plan.map, folder.path / STATE_NAME)
     folder.record(folder.path / STATE_NAME, input_hash=plan.digest)
-
-
-def _files(plan: Plan, folder: RunFolder, row: FrameRecord) -> Iterator[tuple[Path, Path]]:
-    """The files of a frame, and where they go."""
-    target, first = folder.frame_path(row.index), plan.runs[0]
-    file = plan.frame(row.index)
-    if row.index < first.pairs:
-        before = RunFolder.open(first.path)
-        file = before.finished_frame(row.index)
-        before.check_unchanged(file.with_suffix(".json"))
-    return iter([(file, target), (file.with_suffix(".json"), target.with_suffix(".json"))])

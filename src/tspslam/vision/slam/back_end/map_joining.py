@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from ...._brief import Brief
 from ....errors import GeometryError
 from ....types import FloatArray
-from ...rig import project
 from ...se3 import inverse, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map

@@ -17,8 +17,8 @@ def agreeing(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
     """Find the largest set of shared places that agree pairwise on how two parts of a map stand to one another.
 
     Two places agree if the way from one to the other is the same in both parts, but for what P3P leaves open and what
-    the paths may have drifted between them (pairwise consistent measurements; Mangelson et al. 2018). The set grows from
-    the place that agrees with most. One that agrees with none counts only if it is sure of itself.
+    the paths may have drifted between them (pairwise consistent measurements; Mangelson et al. 2018). The set
+    grows from the place that agrees with most. One that agrees with none counts only if it is sure of itself.
 
     Parameters
     ----------

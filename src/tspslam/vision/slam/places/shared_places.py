@@ -21,7 +21,6 @@ from .loop_closing import PlaceRecognition
 from .settings import LoopSettings
 
 
-
 @dataclass(frozen=True, repr=False)
 class SharedPlaces(Brief):
     """Keyframes of a map, each as another map has it.
@@ -74,9 +73,13 @@ class SharedPlaces(Brief):
         SharedPlaces
         """
         nothing = np.empty(0, np.int64)
-        empty = cls(nothing, nothing, np.empty((0, 4, 4)), np.empty(0), np.zeros(1, np.int64), nothing, np.empty((0, 2)))
+        empty = cls(
+            nothing, nothing, np.empty((0, 4, 4)), np.empty(0), np.zeros(1, np.int64), nothing, np.empty((0, 2))
+        )
         columns = {
-            name: np.concatenate([getattr(one, name) for one in (empty, *parts)]) for name in vars(empty) if name != "start"
+            name: np.concatenate([getattr(one, name) for one in (empty, *parts)])
+            for name in vars(empty)
+            if name != "start"
         }
         counts = np.concatenate([one.counts for one in (empty, *parts)])
         return cls(**columns, start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64))
@@ -121,7 +124,10 @@ class SharedPlaces(Brief):
 
 
 def find_candidates(map_: Map, other: Map, loops: LoopSettings) -> NDArray[np.int64]:
-    """Find keyframes of another map that look like some of a map's.
+    """Find keyframes of another map that look like some of a map's, as either map has it.
+
+    Any word in common makes a candidate, as nothing but its looks leads to another map; of `min_words`, it makes one
+    for the keyframes beside it too.
 
     Parameters
     ----------
@@ -130,22 +136,39 @@ def find_candidates(map_: Map, other: Map, loops: LoopSettings) -> NDArray[np.in
     other : Map
         Whose keyframes are looked up.
     loops : LoopSettings
-        How alike they must be, and how many are named (`min_words`, `lost_candidates`).
+        How many are named for each keyframe (`lost_candidates`), and when those beside it are (`min_words`).
 
     Returns
     -------
     (C, 2) int64
         Which keyframe of the other map, ascending, and which of the map: the most similar first.
     """
+    words = _words_shared(map_, other, loops.lost_candidates)
+    for (place, k), count in _words_shared(other, map_, loops.lost_candidates).items():
+        words[k, place] = max(count, words.get((k, place), 0.0))
+    found: dict[int, list[int]] = {k: [] for k in range(len(other.keyframes))}
+    ranked = sorted(words.items(), key=lambda one: (-one[1], one[0]))
+    for (k, place), _ in ranked:
+        if len(found[k]) < loops.lost_candidates:
+            found[k].append(place)
+    for (k, place), count in ranked:
+        for beside in (k - 1, k + 1):
+            if count >= loops.min_words and beside in found and place not in found[beside]:
+                found[beside].append(place)
+    pairs = [(k, place) for k, places in found.items() for place in places]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def _words_shared(map_: Map, other: Map, most: int) -> dict[tuple[int, int], float]:
+    """Words that keyframes of another map share with the most similar ones of a map, by (other, map)."""
     index = PlaceIndex()
     for place, frame in enumerate(map_.keyframes):
-        index.add(place, map_.descriptors[frame.landmark])
-    found = [np.empty((0, 2), np.int64)]
+        index.add(place, _shown(map_, frame))
+    words = {}
     for k, frame in enumerate(other.keyframes):
-        places, words = index.query(_shown(other, frame), loops.lost_candidates)
-        places = places[words >= loops.min_words]
-        found.append(np.column_stack([np.full(len(places), k), places]))
-    return np.concatenate(found)
+        for place, count in zip(*index.query(_shown(other, frame), most), strict=True):
+            words[k, int(place)] = float(count)
+    return words
 
 
 def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64]) -> SharedPlaces:
@@ -214,7 +237,9 @@ def is_same_motion(T: FloatArray, expected: FloatArray, depth: float, loops: Loo
     bool
     """
     off = inverse(expected) @ T
-    return bool(np.linalg.norm(off[:3, 3]) <= loops.same_motion * depth and rotation_angle(off[:3, :3]) <= loops.same_motion)
+    return bool(
+        np.linalg.norm(off[:3, 3]) <= loops.same_motion * depth and rotation_angle(off[:3, :3]) <= loops.same_motion
+    )
 
 
 def _as_shared(map_: Map, frame: Keyframe, place: int, found: PoseEstimate) -> SharedPlaces:
