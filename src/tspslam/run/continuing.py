@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from ..io._places import is_of_a_run
 from ..io._settling import is_run_folder
 from ..io.lock import FolderLock
 from ..session import Session
+from ..types import Image, Rig
+from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack
 from ._stages import OnStep
 from .config import Resolved, resolve
@@ -174,6 +176,36 @@ def _checkpoint(folder: RunFolder) -> tuple[list[Row], Arrays]:
         return unpack(read_bytes(path, "a checkpoint"), MADE_BY)
     except InputError as error:
         raise bad_input(path, f"cannot be gone on with ({error})", "the checkpoint of a run of this version") from error
+
+
+def restore_odometry(rig: Rig, resolved: Resolved, state: Arrays, image_of: Callable[[int], Image]) -> StereoOdometry:
+    """Restore the odometry of a run.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its cameras.
+    resolved : Resolved
+        Its settings.
+    state : dict of str to array
+        As `stored_parts` gives it.
+    image_of : callable
+        Left image of a tracked frame by its number.
+
+    Returns
+    -------
+    StereoOdometry
+        To be closed.
+
+    Raises
+    ------
+    InputError
+        If the state is none that it can have had.
+    """
+    odometry = Session(rig, resolved.settings, keep=False).odometry
+    assert isinstance(odometry, StereoOdometry)
+    odometry.restore(state, image_of)
+    return odometry
 
 
 def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterator[StoredRecording]:

@@ -7,6 +7,14 @@ from tspslam.scale.maps.joining import join_runs
 from .walks import write_runs
 
 
+@pytest.fixture(scope="package", autouse=True)
+def _coarse():
+    """Pictures as all tests have them, also in what is made once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tspslam.view._style.DPI", 35)
+        yield
+
+
 @pytest.fixture(scope="package")
 def runs(tmp_path_factory):
     """Folder of the runs; true poses of the walk."""

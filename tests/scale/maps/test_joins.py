@@ -21,8 +21,7 @@ TRUE = 0.03  # m over 9 m of way: runs of all pieces have 0.013 to 0.017, joins 
 
 
 def test_two_runs_are_as_good_as_one_run_of_both(runs, both, tmp_path):
-    folder, truth = runs
-    whole = walk()
+    whole, truth = walk(), runs[1]
     pieces = [Piece(whole, PIECES[name], name) for name in ("start", "middle")]
     run(JoinedSequence(pieces), tmp_path / "run", resolve(assignments=SETTINGS))
     errors = [error_of(out, truth, "start", "middle") for out in (both, tmp_path / "run")]
@@ -51,7 +50,7 @@ def test_landmarks_that_both_saw_are_one(runs, both):
     assert record["landmarks"] < sum(apart) - 100
     assert record["keyframes"] == sum(load_run(folder / name).record["keyframes"] for name in ("start", "middle"))
     seen = load_map(both).observations
-    frames = np.split(seen.keyframe, seen.start[1:-1])
+    frames = np.split(load_map(both).keyframes[seen.keyframe], seen.start[1:-1])
     assert sum(bool((one < 7).any() and (one >= 7).any()) for one in frames) > 100
 
 
@@ -63,7 +62,7 @@ def test_a_joined_run_is_read_as_any_run(runs, both, tmp_path, capsys):
     assert export(both, "colmap", tmp_path / "colmap").is_dir()
     true = tmp_path / "truth.txt"
     np.savetxt(true, runs[1][PIECES["start"]][:, :3].reshape(-1, 12))
-    code, out, _ = type_in(capsys, "eval", both, "--truth", true, "--truth", true, "--json")
+    code, _, _ = type_in(capsys, "eval", both, "--truth", true, "--truth", true, "--json")
     assert code in (0, 4)
 
 
@@ -73,7 +72,7 @@ def test_a_joined_run_is_joined_again(runs, both, tmp_path):
     record = load_run(tmp_path / "map").record
     assert [one["relative_to"] for one in record["recordings"]] == ["start"] * 3
     assert error_of(tmp_path / "map", truth, "start", "middle", "end") < TRUE
-    with pytest.raises(InputError, match="1 of 2 runs can be joined.* is of a recording that .*map has"):
+    with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* is of a recording that .*map has"):
         join_runs([both, folder / "start"], tmp_path / "twice")
 
 
@@ -87,14 +86,14 @@ def test_the_same_again_does_no_step_and_leaves_the_same_bytes(runs, both):
 
 def test_a_folder_that_is_there_is_not_touched(runs, both, tmp_path):
     folder, before = runs[0], content(both)
-    with pytest.raises(InputError, match="source.joined_from"):
+    with pytest.raises(InputError, match=r"source\.joined_from"):
         join_runs([folder / "start", folder / "end"], both)
     assert content(both) == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("kept")
-    with pytest.raises(InputError, match="holds 'letter.txt'"):
+    with pytest.raises(InputError, match=r"holds 'letter\.txt'"):
         join_runs([folder / "start", folder / "middle"], tmp_path / "mine")
-    with pytest.raises(InputError, match=r"expected a folder that"):
+    with pytest.raises(InputError, match="is the input itself"):
         join_runs([folder / "start", folder / "middle"], folder / "start")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine"]
     (tmp_path / "new-steps").mkdir()
@@ -132,7 +131,7 @@ def test_runs_are_typed_one_after_another(runs, both, tmp_path, capsys):
     ("words", "code", "said"),
     [
         (["one"], 3, "0 of 1 runs can be joined, expected 2 or more; one: holds no config.yaml"),
-        (["one", "--workers", "2000"], 2, "not in the range"),
+        (["one", "--workers", "2000"], 2, "less than or equal to 1024"),
         (["one", "--memory", "4GB"], 2, "there are none"),
         (["one", "--scheduler", "tcp://x:1", "--workers", "2"], 2, "workers of its own"),
     ],

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...run._checkpoint import write_checkpoint
+from ...run.continuing import restore_odometry
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY
 from ...types import FloatArray, Image
@@ -20,7 +21,7 @@ from ...vision.slam.places.shared_places import SharedPlaces
 from ...vision.slam.pose import PoseEstimate
 from ...vision.slam.tracking import refine_pose
 from .joined_runs import JoinedRuns
-from .states import concatenate_states, image_reader, read_checkpoint, restored
+from .states import concatenate_states, image_reader, read_checkpoint
 
 
 def assemble(
@@ -49,7 +50,7 @@ def assemble(
     rows = [row for r, (own, _) in enumerate(read) for row in joined.rows(r, own)]
     state = concatenate_states(joined, [state for _, state in read])
     state["stamps"] = np.array([row.stamp for row in rows if isinstance(row, FrameRecord)])
-    odometry = restored(joined.rig, joined.runs[0].settings, state, image_of)
+    odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, image_of)
     try:
         _join(odometry, SharedPlaces.joined([_numbered(joined, i, j, one) for i, j, one in shared]))
         write_checkpoint(target, MADE_BY, rows, odometry.state())

@@ -116,9 +116,9 @@ def join_runs(
     check_folder(place, [Path(path) for path in runs])
     with _held(place.with_name(f"{place.name}-steps")) as folder:
         join = _Join(Plan(tuple(found), str(folder)), left_out, on_note or (lambda _: None))
+        join.require_runs()
         for path, why in left_out.items():
             join.say(f"{path} is left out: {why}")
-        join.require_runs()
         if not check_out(place, join.plan):
             join.make(workers)
             check_out(place, join.plan)
@@ -244,11 +244,11 @@ class _Join:
                 bad[self.plan.runs[step.which[0]].path] = outcome.error
             else:
                 _raise(outcome)
-        for path in sorted(bad):
-            self.left_out[path] = bad[path]
-            self.say(f"{path} is left out: {bad[path]}")
+        self.left_out |= bad
         self.plan = replace(self.plan, runs=tuple(run for run in self.plan.runs if run.path not in bad))
         self.require_runs()
+        for path in sorted(bad):
+            self.say(f"{path} is left out: {bad[path]}")
 
 
 def _require(outcomes: Iterator[tuple[Step, Outcome]]) -> None:

@@ -12,12 +12,10 @@ from ..._npz import Arrays
 from ...io import RunFolder
 from ...io.frames import read_frame_image
 from ...run._checkpoint import unpack, write_checkpoint
-from ...run.config import Resolved
+from ...run.continuing import restore_odometry
 from ...run.record import FrameRecord, Row
 from ...run.sequence import MADE_BY, STATE_NAME
-from ...session import Session
-from ...types import Image, Rig
-from ...vision.slam.odometry import StereoOdometry
+from ...types import Image
 from .joined_runs import JoinedRuns
 from .runs import FinishedRun
 
@@ -69,7 +67,7 @@ def finish_state(run: FinishedRun, target: Path) -> None:
         raise bad_input(path, "was changed since the join began", "a run that is finished")
     RunFolder.open(run.path).check_unchanged(path)
     rows, state = read_checkpoint(path)
-    odometry = restored(run.rig, run.settings, state, image_reader(run, rows))
+    odometry = restore_odometry(run.rig, run.settings, state, image_reader(run, rows))
     try:
         odometry.finish()
         bias = odometry.mapper.bias
@@ -79,31 +77,6 @@ def finish_state(run: FinishedRun, target: Path) -> None:
     finally:
         odometry.close()
     write_checkpoint(target, MADE_BY, rows, final)
-
-
-def restored(rig: Rig, settings: Resolved, state: Arrays, image_of: Callable[[int], Image]) -> StereoOdometry:
-    """Restore an odometry.
-
-    Parameters
-    ----------
-    rig : Rig
-        Its cameras.
-    settings : Resolved
-        Those of its run.
-    state : dict of str to array
-        What it was saved as.
-    image_of : callable
-        Left image of a tracked frame by its number.
-
-    Returns
-    -------
-    StereoOdometry
-        To be closed.
-    """
-    odometry = Session(rig, settings.settings, keep=False).odometry
-    assert isinstance(odometry, StereoOdometry)
-    odometry.restore(state, image_of)
-    return odometry
 
 
 def image_reader(run: FinishedRun, rows: Sequence[Row]) -> Callable[[int], Image]:

@@ -174,8 +174,9 @@ def _words_shared(map_: Map, other: Map, most: int) -> dict[tuple[int, int], flo
 def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64]) -> SharedPlaces:
     """Prove candidates by geometry: landmarks of the map, and the keyframe beside it.
 
-    A keyframe is believed to be at a place if P3P and the patches of the map's landmarks say so, and a keyframe before
-    or after it is there too: by its own descriptors, where the other map has it against the first.
+    A keyframe is believed to be at a place if P3P and the patches of the map's landmarks say so, and these are very
+    many (`LoopSettings.sure_landmarks`), or a keyframe before or after it is there too: by its own descriptors, where
+    the other map has it against the first.
 
     Parameters
     ----------
@@ -202,13 +203,15 @@ def _proved(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64])
         image, frame = build_pyramid(grey), other.keyframes[k]
         for place in candidates[candidates[:, 0] == k, 1].tolist():
             found = places.find_at(place, image, frame.uv, _shown(other, frame))
-            if found is not None and _is_there_too(places, other, k, place, found):
+            if found is not None and _is_believed(places, other, k, place, found):
                 yield _as_shared(places.map_, frame, place, found)
                 break
 
 
-def _is_there_too(places: PlaceRecognition, other: Map, k: int, place: int, found: PoseEstimate) -> bool:
-    """Whether a keyframe before or after is at the place too, where the other map has it against this one."""
+def _is_believed(places: PlaceRecognition, other: Map, k: int, place: int, found: PoseEstimate) -> bool:
+    """Whether a keyframe before or after is at the place too, where the other map has it, or landmarks are enough."""
+    if len(found) >= places.loops.sure_landmarks:
+        return True
     frames, depth = other.keyframes, _depth(places.map_, found)
     T_map_other = found.T_world_camera @ inverse(frames[k].T_world_camera)
     for beside in (k - 1, k + 1):
