@@ -29,7 +29,7 @@ from .measure import cpu_seconds, table
 
 PAPER = synthetic.PAPER_RIG
 RIG = Rig(PAPER.fx / 2, PAPER.fy / 2, PAPER.cx / 2, PAPER.cy / 2, PAPER.baseline, PAPER.width // 2, PAPER.height // 2)
-LENGTHS = {"corridor, 2 pieces": (30.0, 2), "corridor, 4 pieces": (30.0, 4)}  # m, and pieces
+LENGTHS = {"corridor, 2 pieces": (15.0, 2), "corridor, 3 pieces": (15.0, 3)}  # m, and pieces
 OVERLAP = 0.3  # of a piece, that it has in common with the next
 HEAD = ("walk", "frames", "ATE of one run, m", "of all pieces in one run", "of joined runs")
 STEPS = ("walk", "tracking the pieces, s", "state", "candidates", "shared", "frames", "map", "writing the run")

@@ -142,7 +142,7 @@ def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecor
     -------
     rows : list of FrameRecord or SkippedPair
         Of its checkpoint.
-    state : dict of str to array
+    state : dict of str to array, such as ``xyz`` (M, 3) float64
         Likewise; the odometry's, before the end of the path.
     recordings : list of StoredRecording
         What it is of.

@@ -8,6 +8,7 @@ import pytest
 from tests.test_cli import complain, type_in
 from tspslam import InputError, build_map, load_map, load_run
 from tspslam.datasets import JoinedSequence
+from tspslam.io import read_trajectory
 from tspslam.io.lock import FolderLock
 from tspslam.run.config import resolve
 from tspslam.run.export import export
@@ -41,6 +42,13 @@ def test_a_chain_is_in_the_frame_of_the_first_and_another_place_is_said_to_be_ap
     assert not result.left_out
     assert [each["code"] for each in record["warnings"] if "other was" in each["message"]] == ["not_joined"]
     assert error_of(out, runs[1], "start", "end", "middle") < TRUE
+    assert (np.diff(read_trajectory(out / "trajectory.tum").stamp) > 0).all()
+    for name in ("other", "end"):
+        own = [
+            read_trajectory(place).stamp
+            for place in (out / f"trajectory_{name}.tum", runs[0] / name / "trajectory.tum")
+        ]
+        np.testing.assert_allclose(*own, atol=1e-9)
 
 
 def test_landmarks_that_both_saw_are_one(runs, both):
@@ -72,8 +80,9 @@ def test_a_joined_run_is_joined_again(runs, both, tmp_path):
     record = load_run(tmp_path / "map").record
     assert [one["relative_to"] for one in record["recordings"]] == ["start"] * 3
     assert error_of(tmp_path / "map", truth, "start", "middle", "end") < TRUE
-    with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* is of a recording that .*map has"):
-        join_runs([both, folder / "start"], tmp_path / "twice")
+    for name in ("start", "middle"):
+        with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* is of a recording that .*map has"):
+            join_runs([both, folder / name], tmp_path / "twice")
 
 
 def test_the_same_again_does_no_step_and_leaves_the_same_bytes(runs, both):

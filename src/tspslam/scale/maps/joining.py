@@ -187,7 +187,7 @@ class _Join:
 
     def make(self, workers: Workers | None) -> None:
         """Do what is not done yet."""
-        if self.plan.map.is_file():
+        if self.plan.file("map").is_file():
             return
         with self._ticket() as ticket:
             if workers is None:
@@ -220,7 +220,7 @@ class _Join:
         self._leave_out(self._follow(outcomes, self._steps(like, "state", [(r,) for r in range(len(self.plan.runs))])))
         plan = self.plan
         _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
-        parts = [(i, j, part) for i, j in plan.pairs for part in range(plan.count_parts(i, j))]
+        parts = [(i, j, part) for i, j in plan.pairs for part in range(len(plan.candidates(i, j)))]
         frames = [(r, part) for r, run in enumerate(plan.runs) if r for part in range(-(-run.stored // FRAMES))]
         both = [*self._steps(like, "shared", parts), *self._steps(like, "frames", frames)]
         _require(self._follow(outcomes, both))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 
 from ..._brief import Brief
@@ -35,8 +37,8 @@ class FinishedRun(Brief):
         How many pairs it has, how many of them have a pose, and how many of these a file.
     next_id : int
         Number of the next landmark.
-    first_hash : str
-        Hash of what its first tracked frame was made from.
+    first_hashes : tuple of str
+        Hashes of what the first tracked frame of each recording was made from.
     """
 
     path: str
@@ -46,7 +48,7 @@ class FinishedRun(Brief):
     tracked: int
     stored: int
     next_id: int
-    first_hash: str
+    first_hashes: tuple[str, ...]
 
     @property
     def rig(self) -> Rig:
@@ -100,11 +102,20 @@ def _read_run(path: PathLike) -> FinishedRun:
         )
     run = FinishedRun(
         os.path.abspath(path), folder.units[STATE_NAME].sha256, tuple(parts), len(rows), len(tracked),
-        sum(row.complex_ is not None for row in tracked), int(state["next_id"]), tracked[0].input_hash,
+        sum(row.complex_ is not None for row in tracked), int(state["next_id"]), _first_hashes(parts, tracked),
     )  # fmt: skip
     if run.settings.settings.mapping.fix_offset:
         raise bad_input(path, "was made with --fix-offset: its frames are those of its own offset", "a run without")
     return run
+
+
+def _first_hashes(parts: Sequence[StoredRecording], tracked: Sequence[FrameRecord]) -> tuple[str, ...]:
+    """Hashes of the first tracked frames of recordings, which frames keep wherever they are numbered anew."""
+    found: dict[int, str] = {}
+    ends = list(accumulate(map(len, parts)))
+    for row in tracked:
+        found.setdefault(bisect_right(ends, row.index), row.input_hash)
+    return tuple(found.values())
 
 
 def _refuse_gaps(stored: StoredRun) -> None:
@@ -123,7 +134,7 @@ def _refuse_unlike(path: PathLike, run: FinishedRun, runs: Sequence[FinishedRun]
         raise bad_input(path, said, f"the settings of {first.path}: one map has one kind of landmarks")
     check_same_rig(first.rig, first.path, run.rig, str(path))
     for other in runs:
-        if other.first_hash == run.first_hash:
+        if set(other.first_hashes) & set(run.first_hashes):
             raise bad_input(path, f"is of a recording that {other.path} has", "runs of different recordings")
 
 

@@ -37,7 +37,7 @@ def read_checkpoint(path: Path) -> tuple[list[Row], Arrays]:
     Returns
     -------
     rows : list of FrameRecord or SkippedPair
-    state : dict of str to array
+    state : dict of str to array, such as ``xyz`` (M, 3) float64
 
     Raises
     ------
@@ -106,7 +106,7 @@ def concatenate_states(joined: JoinedRuns, states: Sequence[Arrays]) -> Arrays:
     ----------
     joined : JoinedRuns
         The runs.
-    states : sequence of dict of str to array
+    states : sequence of dict of str to array, such as ``xyz`` (M, 3) float64
         Theirs, each at the end of its path; stamps are those of the runs.
 
     Returns

@@ -27,6 +27,7 @@ KEYFRAMES = 25
 """Keyframes that one step looks for at their candidates: a second or two on one core, so that little is lost."""
 FRAMES = 50
 """Frames that one step numbers anew: likewise."""
+_RUNS = {"state": 1, "candidates": 2, "shared": 2}  # that a step looks at; others at all
 _DIGITS = 16  # hexadecimal, of a digest in a name: two of 2**32 are the same by chance
 
 
@@ -61,43 +62,54 @@ class Plan:
         count = len(self.runs)
         return [(i, j) for i in range(count) for j in range(i + 1, count)]
 
-    def state(self, r: int) -> Path:
-        """Where the state of run r at the end of its path goes."""
-        return self._file("state", (self.runs[r],))
+    def file(self, kind: str, *which: int) -> Path:
+        """Name the file that is there once a step is done, by all that it is made from.
 
-    def candidates(self, i: int, j: int) -> Path:
-        """Where candidates for keyframes of run j in run i go."""
-        return self._file("candidates", (self.runs[i], self.runs[j]))
+        Parameters
+        ----------
+        kind, which : str, int
+            As `Step` has them.
 
-    def shared(self, i: int, j: int, part: int) -> Path:
-        """Where the proved ones of a part of these go."""
-        return self._file(f"shared-{part}", (self.runs[i], self.runs[j]))
-
-    def frames(self, r: int, part: int) -> Path:
-        """Where the mark goes that some frames of run r are numbered anew."""
-        return self._file(f"frames-{r}-{part}", self.runs, "done")
+        Returns
+        -------
+        Path
+        """
+        runs = tuple(self.runs[r] for r in which[: _RUNS[kind]]) if kind in _RUNS else self.runs
+        part = "-".join(map(str, which[_RUNS.get(kind, 0) :]))
+        digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES}", runs)[:_DIGITS]
+        return Path(self.folder) / f"{kind}-{digest}{'.done' if kind == 'frames' else '.npz'}"
 
     def frame(self, index: int) -> Path:
-        """Where the frame of that index, numbered anew, goes."""
+        """Name the file of a frame that is numbered anew.
+
+        Parameters
+        ----------
+        index : int
+            Of its pair among all.
+
+        Returns
+        -------
+        Path
+        """
         return Path(self.folder) / f"frames-{self.digest[:_DIGITS]}" / f"{index:06d}.npz"
 
-    @property
-    def map(self) -> Path:
-        """Where the checkpoint of the joined run goes."""
-        return self._file("joined", self.runs)
+    def candidates(self, i: int, j: int) -> list[NDArray[np.int64]]:
+        """Read the candidates that two runs have, in parts of some keyframes.
 
-    def part_of_candidates(self, i: int, j: int, part: int) -> NDArray[np.int64]:
-        """Candidates of some of the keyframes of run j."""
-        found = read_candidates(self.candidates(i, j))
-        keyframes = np.unique(found[:, 0])[part * KEYFRAMES : (part + 1) * KEYFRAMES]
-        return found[np.isin(found[:, 0], keyframes)]
+        Parameters
+        ----------
+        i, j : int
+            Which runs.
 
-    def count_parts(self, i: int, j: int) -> int:
-        """How many parts the candidates have."""
-        return -(-len(np.unique(read_candidates(self.candidates(i, j))[:, 0])) // KEYFRAMES)
-
-    def _file(self, kind: str, runs: tuple[FinishedRun, ...], suffix: str = "npz") -> Path:
-        return Path(self.folder) / f"{kind}-{self._hash(kind, runs)[:_DIGITS]}.{suffix}"
+        Returns
+        -------
+        list of (C, 2) int64
+            As `find_candidates` gives them.
+        """
+        found = read_candidates(self.file("candidates", i, j))
+        keyframes = np.unique(found[:, 0])
+        parts = [keyframes[k : k + KEYFRAMES] for k in range(0, len(keyframes), KEYFRAMES)]
+        return [found[np.isin(found[:, 0], part)] for part in parts]
 
     @staticmethod
     def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
@@ -142,9 +154,7 @@ class Step:
     @property
     def target(self) -> Path:
         """The file that is there once it is done."""
-        made = getattr(self.plan, self.kind)
-        path: Path = made(*self.which) if self.which else made
-        return path
+        return self.plan.file(self.kind, *self.which)
 
     @property
     def is_done(self) -> bool:
@@ -178,17 +188,20 @@ def _make_state(plan: Plan, target: Path, r: int) -> None:
 
 
 def _make_candidates(plan: Plan, target: Path, i: int, j: int) -> None:
-    write_candidates((plan.runs[i], plan.runs[j]), (plan.state(i), plan.state(j)), target)
+    write_candidates((plan.runs[i], plan.runs[j]), _states(plan, i, j), target)
+
+
+def _states(plan: Plan, i: int, j: int) -> tuple[Path, Path]:
+    return plan.file("state", i), plan.file("state", j)
 
 
 def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
-    candidates = plan.part_of_candidates(i, j, part)
-    write_shared((plan.runs[i], plan.runs[j]), (plan.state(i), plan.state(j)), candidates, target)
+    write_shared((plan.runs[i], plan.runs[j]), _states(plan, i, j), plan.candidates(i, j)[part], target)
 
 
 def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
     """Number some frames of run r, and their rows, anew."""
-    own, _ = read_checkpoint(plan.state(r))
+    own, _ = read_checkpoint(plan.file("state", r))
     rows, before = plan.joined.rows(r, own), RunFolder.open(plan.runs[r].path)
     stored = [
         (old.index, row) for old, row in zip(own, rows, strict=True)
@@ -204,9 +217,11 @@ def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
 
 def _make_map(plan: Plan, target: Path) -> None:
     shared = [
-        (i, j, read_shared(plan.shared(i, j, part))) for i, j in plan.pairs for part in range(plan.count_parts(i, j))
+        (i, j, read_shared(plan.file("shared", i, j, part)))
+        for i, j in plan.pairs
+        for part in range(len(plan.candidates(i, j)))
     ]
-    assemble(plan.joined, [plan.state(r) for r in range(len(plan.runs))], shared, target)
+    assemble(plan.joined, [plan.file("state", r) for r in range(len(plan.runs))], shared, target)
 
 
 _MAKERS: dict[str, Callable[..., None]] = {

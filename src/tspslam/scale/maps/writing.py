@@ -70,7 +70,7 @@ def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
 
 def _bring(plan: Plan, folder: RunFolder) -> None:
     """Bring the frames, and the state: that counts once all is there."""
-    rows, _ = read_checkpoint(plan.map)
+    rows, _ = read_checkpoint(plan.file("map"))
     first = RunFolder.open(plan.runs[0].path)
     for row in rows:
         if not isinstance(row, FrameRecord) or row.complex_ is None:
@@ -82,5 +82,5 @@ def _bring(plan: Plan, folder: RunFolder) -> None:
         for suffix in (".npz", ".json"):
             link_file(file.with_suffix(suffix), target.with_suffix(suffix))
             folder.record(target.with_suffix(suffix), input_hash=row.input_hash)
-    link_file(plan.map, folder.path / STATE_NAME)
+    link_file(plan.file("map"), folder.path / STATE_NAME)
     folder.record(folder.path / STATE_NAME, input_hash=plan.digest)
