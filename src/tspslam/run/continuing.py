@@ -86,6 +86,7 @@ def run_into(
     lock = FolderLock(place)
     try:
         resolved = _settings(place, given)
+        _refuse_excerpt(stored)
         rows, _, parts = stored_parts(stored)
         _refuse_again(parts, rows, recordings, resolved)
         source = JoinedSequence([*parts, *recordings])
@@ -130,6 +131,14 @@ def _settings(place: Path, given: Resolved | None) -> Resolved:
     return own
 
 
+def _refuse_excerpt(stored: StoredRun) -> None:
+    """Refuse a run of later pairs of its source: those that come into it go on from the first one."""
+    frames = frames_of(stored)
+    if frames.start != 0 or frames.step != 1:
+        said = f"is of frames {frames.start}:{frames.stop}:{frames.step} of its source"
+        raise bad_input(stored.path, said, "frames from 0 on")
+
+
 def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecording]]:
     """Find what of a finished run can be gone on with.
 
@@ -141,7 +150,7 @@ def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecor
     Returns
     -------
     rows : list of FrameRecord or SkippedPair
-        Of its checkpoint.
+        Of its checkpoint, numbered from 0 on.
     state : dict of str to array, such as ``xyz`` (M, 3) float64
         Likewise; the odometry's, before the end of the path.
     recordings : list of StoredRecording
@@ -150,7 +159,7 @@ def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecor
     Raises
     ------
     InputError
-        If it is of another version, of a single pair, or of part of its source.
+        If it is of another version, of a single pair, or not of pairs.
     """
     place, record = stored.path, stored.record
     folder = RunFolder.open(place)
@@ -158,12 +167,44 @@ def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecor
         raise bad_input(place, "is no run of pairs", "one of a sequence")
     if record["frames"] < _FEWEST:
         raise bad_input(place, "is a run of a single pair", "one of a sequence")
-    chosen = folder.config.get("source", {}).get("frames")
-    if chosen is not None and (chosen[0] != 0 or chosen[2] != 1):
-        raise bad_input(place, f"is of frames {chosen[0]}:{chosen[1]}:{chosen[2]} of its source", "frames from 0 on")
     rows, state = _checkpoint(folder)
+    rows = number_rows(rows, frames_of(stored))
     rig = read_frame(folder.finished_frame(stored.stored[0])).rig
     return rows, state, list(_recordings(record, rows, rig))
+
+
+def frames_of(stored: StoredRun) -> range:
+    """Find which pairs of its source a run is of.
+
+    Parameters
+    ----------
+    stored : StoredRun
+        The run.
+
+    Returns
+    -------
+    range
+    """
+    chosen = RunFolder.open(stored.path).config.get("source", {}).get("frames")
+    return range(stored.record["frames"]) if chosen is None else range(*chosen)
+
+
+def number_rows(rows: Sequence[Row], frames: range) -> list[Row]:
+    """Number rows from 0 on.
+
+    Parameters
+    ----------
+    rows : sequence of FrameRecord or SkippedPair
+        By the indices of pairs.
+    frames : range
+        Which those are.
+
+    Returns
+    -------
+    list of FrameRecord or SkippedPair
+        By their places among these.
+    """
+    return [row if frames[place] == place else replace(row, index=place) for place, row in enumerate(rows)]
 
 
 def _checkpoint(folder: RunFolder) -> tuple[list[Row], Arrays]:

@@ -221,7 +221,8 @@ class _Join:
         plan = self.plan
         _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
         parts = [(i, j, part) for i, j in plan.pairs for part in range(len(plan.candidates(i, j)))]
-        frames = [(r, part) for r, run in enumerate(plan.runs) if r for part in range(-(-run.stored // FRAMES))]
+        moved = [(r, run) for r, run in enumerate(plan.runs) if r or not run.is_numbered]
+        frames = [(r, part) for r, run in moved for part in range(-(-run.stored // FRAMES))]
         both = [*self._steps(like, "shared", parts), *self._steps(like, "frames", frames)]
         _require(self._follow(outcomes, both))
         _require(self._follow(outcomes, self._steps(like, "map", [()])))

@@ -15,7 +15,7 @@ from ...datasets.joined import StoredRecording, check_same_rig
 from ...errors import InputError
 from ...io import RunFolder, StoredRun, load_run
 from ...run.config import Resolved, resolve
-from ...run.continuing import stored_parts
+from ...run.continuing import frames_of, stored_parts
 from ...run.record import FrameRecord
 from ...run.sequence import STATE_NAME
 from ...types import Rig
@@ -33,6 +33,8 @@ class FinishedRun(Brief):
         SHA-256 of its checkpoint.
     parts : tuple of StoredRecording
         What it is of.
+    frames : range
+        Which pairs of its source it is of.
     pairs, tracked, stored : int
         How many pairs it has, how many of them have a pose, and how many of these a file.
     next_id : int
@@ -44,11 +46,17 @@ class FinishedRun(Brief):
     path: str
     state: str
     parts: tuple[StoredRecording, ...]
+    frames: range
     pairs: int
     tracked: int
     stored: int
     next_id: int
     first_hashes: tuple[str, ...]
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether its pairs are those of its source from 0 on, one after another."""
+        return self.frames == range(self.pairs)
 
     @property
     def rig(self) -> Rig:
@@ -94,6 +102,9 @@ def _read_run(path: PathLike) -> FinishedRun:
     stored = load_run(path)
     rows, state, parts = stored_parts(stored)
     _refuse_gaps(stored)
+    frames = frames_of(stored)
+    if len(parts) > 1 and frames != range(len(rows)):
+        raise bad_input(path, "is of some frames of several recordings", "a run of all of them, or of one recording")
     folder = RunFolder.open(stored.path)
     tracked = [row for row in rows if isinstance(row, FrameRecord)]
     if len(rows) != sum(map(len, parts)):
@@ -101,7 +112,7 @@ def _read_run(path: PathLike) -> FinishedRun:
             path, f"has {len(rows)} frames in its checkpoint", f"{sum(map(len, parts))}, as in its run.json"
         )
     run = FinishedRun(
-        os.path.abspath(path), folder.units[STATE_NAME].sha256, tuple(parts), len(rows), len(tracked),
+        os.path.abspath(path), folder.units[STATE_NAME].sha256, tuple(parts), frames, len(rows), len(tracked),
         sum(row.complex_ is not None for row in tracked), int(state["next_id"]), _first_hashes(parts, tracked),
     )  # fmt: skip
     if run.settings.settings.mapping.fix_offset:

@@ -12,7 +12,7 @@ from ..._npz import Arrays
 from ...io import RunFolder
 from ...io.frames import read_frame_image
 from ...run._checkpoint import unpack, write_checkpoint
-from ...run.continuing import restore_odometry
+from ...run.continuing import number_rows, restore_odometry
 from ...run.record import FrameRecord, Row
 from ...run.sequence import MADE_BY, STATE_NAME
 from ...types import Image
@@ -67,6 +67,7 @@ def finish_state(run: FinishedRun, target: Path) -> None:
         raise bad_input(path, "was changed since the join began", "a run that is finished")
     RunFolder.open(run.path).check_unchanged(path)
     rows, state = read_checkpoint(path)
+    rows = number_rows(rows, run.frames)
     odometry = restore_odometry(run.rig, run.settings, state, image_reader(run, rows))
     try:
         odometry.finish()
@@ -87,7 +88,7 @@ def image_reader(run: FinishedRun, rows: Sequence[Row]) -> Callable[[int], Image
     run : FinishedRun
         The run.
     rows : sequence of FrameRecord or SkippedPair
-        Its rows.
+        Its rows, numbered from 0 on.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def image_reader(run: FinishedRun, rows: Sequence[Row]) -> Callable[[int], Image
         Of the number of a tracked frame.
     """
     folder = RunFolder.open(run.path)
-    places = [row.index for row in rows if isinstance(row, FrameRecord)]
+    places = [run.frames[row.index] for row in rows if isinstance(row, FrameRecord)]
     return lambda number: read_frame_image(folder.finished_frame(places[number]))
 
 

@@ -201,10 +201,10 @@ def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
 
 def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
     """Number some frames of run r, and their rows, anew."""
-    own, _ = read_checkpoint(plan.file("state", r))
-    rows, before = plan.joined.rows(r, own), RunFolder.open(plan.runs[r].path)
+    run, (own, _) = plan.runs[r], read_checkpoint(plan.file("state", r))
+    rows, before = plan.joined.rows(r, own), RunFolder.open(run.path)
     stored = [
-        (old.index, row) for old, row in zip(own, rows, strict=True)
+        (run.frames[old.index], row) for old, row in zip(own, rows, strict=True)
         if isinstance(row, FrameRecord) and row.complex_ is not None
     ]  # fmt: skip
     for index, row in stored[part * FRAMES : (part + 1) * FRAMES]:

@@ -76,7 +76,7 @@ def _bring(plan: Plan, folder: RunFolder) -> None:
         if not isinstance(row, FrameRecord) or row.complex_ is None:
             continue
         file, target = plan.frame(row.index), folder.frame_path(row.index)
-        if row.index < plan.runs[0].pairs:  # it keeps its numbers
+        if row.index < plan.runs[0].pairs and plan.runs[0].is_numbered:  # it keeps its numbers
             file = first.finished_frame(row.index)
             first.check_unchanged(file.with_suffix(".json"))
         for suffix in (".npz", ".json"):
