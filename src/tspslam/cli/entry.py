@@ -15,7 +15,7 @@ import typer
 from .. import __version__
 from ..errors import InputError, OutputError, TspSlamError
 from ..printing import hold_streams, listen, note, say
-from . import board, jobs, look, runs, scale, show, stores, uses  # noqa: F401  (each hangs its commands on the parser)
+from . import board, jobs, join, look, runs, scale, show, stores, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
 _UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it
@@ -73,7 +73,7 @@ def exit_code(arguments: list[str]) -> int:
     if code == INTERRUPTED:
         if "--camera" in arguments:
             return _complain("interrupted; tspslam run takes what was recorded, as any folder", INTERRUPTED)
-        what = "goes on where this one stopped" if {"run", "batch"} & {*arguments[:2]} else "begins anew"
+        what = "goes on where this one stopped" if {"run", "batch", "join"} & {*arguments[:2]} else "begins anew"
         return _complain(f"interrupted; the same command {what}", INTERRUPTED)
     return code
 

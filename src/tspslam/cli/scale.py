@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,12 +23,11 @@ from ._shared import (  # fmt: skip
     ThreadsOption,
     app,
 )
+from ._workers import MemoryOption, SchedulerOption, find_workers
 
 if TYPE_CHECKING:
     from ..scale.batch import BatchResult
     from ..scale.summary import Row
-
-_UNITS = {"": 1, "MB": 10**6, "GB": 10**9, "MIB": 1 << 20, "GIB": 1 << 30}
 
 
 @app.command("batch")
@@ -46,12 +44,8 @@ def batch_command(
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes on this machine [default: one a core].")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler that is there, such as tcp://host:8786.")
-    ] = None,
-    memory: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="For each process, such as 4GB [default: an equal share].")
-    ] = None,
+    scheduler: SchedulerOption = None,
+    memory: MemoryOption = None,
     threads: ThreadsOption = None,
     truths: Annotated[
         Path | None, typer.Option("--eval", metavar="TRUTHS", help="True poses: a folder with NAME.txt, or a list.")
@@ -64,13 +58,8 @@ def batch_command(
     """Run many recordings, each into a folder of its own, on Dask. The same command again goes on."""
     from ..run import config as configuration
     from ..scale.batch import run_batch
-    from ..scale.cluster import Workers
 
-    if scheduler is not None and (workers, memory) != (None, None):
-        raise typer.BadParameter(
-            "a scheduler has workers of its own: no --workers, no --memory", param_hint="--scheduler"
-        )
-    where = Workers(workers, scheduler, threads, _bytes(memory))
+    where = find_workers(workers, scheduler, threads, memory)
     resolved = configuration.resolve(preset, config, assignments or [])
     with fleet_progress(as_json) as on_event:
         result = run_batch(sources, out, resolved, workers=where, truths=truths, on_event=on_event)
@@ -81,20 +70,6 @@ def batch_command(
     code = _code_of(result.rows) or (DEGRADED if result.unmeasured else COMPLETE)
     if code != COMPLETE:
         raise typer.Exit(code)
-
-
-def _bytes(text: str | None) -> int | None:
-    """A size in bytes, as people write it."""
-    from ..scale.cluster import LEAST_MEMORY
-
-    if text is None:
-        return None
-    found = re.fullmatch(r"([0-9]{1,15}(?:\.[0-9]{1,9})?) ?([A-Z]*)", text.strip().upper(), re.ASCII)
-    size = int(float(found[1]) * _UNITS[found[2]]) if found and found[2] in _UNITS else 0
-    if size < LEAST_MEMORY:
-        least = f"{LEAST_MEMORY / (1 << 20):.0f}MiB"
-        raise typer.BadParameter(f"{text!r}, expected a size of {least} or more, such as 4GB", param_hint="--memory")
-    return size
 
 
 def _code_of(rows: list[Row]) -> int:

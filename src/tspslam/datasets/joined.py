@@ -157,6 +157,8 @@ class JoinedSequence:
         Index of the first pair of each.
     offsets : (R,) float64
         What is added to the stamps of each, s.
+    joined_from : tuple of str
+        Hashes of the states of finished runs that the recordings are from, where their maps are joined.
 
     Raises
     ------
@@ -171,6 +173,8 @@ class JoinedSequence:
     >>> both.names, both.starts, [round(both[k].stamp, 9) for k in (3, 4, 5)]
     (('corridor', 'corridor-2'), (0, 4), [0.3, 11.0, 11.1])
     """
+
+    joined_from: tuple[str, ...] = ()
 
     def __init__(self, recordings: Sequence[Source]) -> None:
         self.recordings = tuple(recordings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._checks import require
 from .._files import PathLike
@@ -113,6 +114,36 @@ def read_frame_image(path: PathLike) -> Image:
     return read_arrays(path, FORM, _image_of, only=("image",))
 
 
+def renumber_frame(
+    path: PathLike, target: PathLike, *, index: int, stamp: float, name: str, more_landmarks: int
+) -> None:  # fmt: skip
+    """Copy the file of a frame for a run in which it has another place.
+
+    Parameters
+    ----------
+    path : str or path
+        What `write_frame` wrote.
+    target : str or path
+        Where the copy goes.
+    index, stamp, name : int, float, str
+        Of the frame there; s.
+    more_landmarks : int
+        What is added to the numbers of landmarks.
+
+    Raises
+    ------
+    InputError
+        As `read_frame`.
+    OutputError
+        If the copy cannot be written.
+    """
+    arrays = read_arrays(path, FORM, dict)
+    arrays |= {"index": np.array(index), "stamp": np.array(stamp), "name": _name_array(name)}
+    if "landmark" in arrays:
+        arrays["landmark"] = np.where(arrays["landmark"] < 0, -1, arrays["landmark"] + more_landmarks)
+    write_arrays(target, FORM, arrays)
+
+
 def read_frame_valid(path: PathLike) -> BoolArray | None:
     """Read which pixels of a frame that `write_frame` wrote the cameras saw, and nothing else of it.
 
@@ -145,7 +176,7 @@ def _collected(frame: Frame) -> dict[str, Any]:
     values: dict[str, Any] = {
         "index": frame.index,
         "stamp": float(frame.stamp),
-        "name": np.frombuffer(frame.name.encode("utf-8", "backslashreplace"), np.uint8),
+        "name": _name_array(frame.name),
         **rig_arrays(frame.rig),
         "T_world_camera": frame.T_world_camera,
         "is_keyframe": frame.is_keyframe,
@@ -163,6 +194,10 @@ def _collected(frame: Frame) -> dict[str, Any]:
         "valid": frame.valid,
     }
     return values | {name: value for name, value in others.items() if value is not None}
+
+
+def _name_array(name: str) -> NDArray[np.uint8]:
+    return np.frombuffer(name.encode("utf-8", "backslashreplace"), np.uint8)
 
 
 def storable_image(frame: Frame) -> Image | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from .._atomic import atomic_write, bad_output
 from .._checks import require_path
 from .._files import PathLike, bad_input, one_line, read_bytes
+from .._npz import Arrays
 from ..datasets.joined import Excerpt, JoinedSequence, Source, StoredRecording, check_same_rig
 from ..errors import InputError
 from ..io import RunFolder, StoredRun, load_run, read_frame
@@ -21,6 +22,8 @@ from ..io._places import is_of_a_run
 from ..io._settling import is_run_folder
 from ..io.lock import FolderLock
 from ..session import Session
+from ..types import Image, Rig
+from ..vision.slam.odometry import StereoOdometry
 from ._checkpoint import unpack
 from ._stages import OnStep
 from .config import Resolved, resolve
@@ -83,7 +86,8 @@ def run_into(
     lock = FolderLock(place)
     try:
         resolved = _settings(place, given)
-        rows, parts = _parts(stored)
+        _refuse_excerpt(stored)
+        rows, _, parts = stored_parts(stored)
         _refuse_again(parts, rows, recordings, resolved)
         source = JoinedSequence([*parts, *recordings])
         _bring(place, work, settings_of(source, None, resolved))
@@ -128,32 +132,122 @@ def _settings(place: Path, given: Resolved | None) -> Resolved:
     return own
 
 
-def _parts(stored: StoredRun) -> tuple[list[Row], list[StoredRecording]]:
-    """The rows of a run, and its recordings."""
+def _refuse_excerpt(stored: StoredRun) -> None:
+    """Refuse a run of later pairs of its source: those that come into it go on from the first one."""
+    frames = frames_of(stored)
+    if frames.start != 0 or frames.step != 1:
+        said = f"is of frames {frames.start}:{frames.stop}:{frames.step} of its source"
+        raise bad_input(stored.path, said, "frames from 0 on")
+
+
+def stored_parts(stored: StoredRun) -> tuple[list[Row], Arrays, list[StoredRecording]]:
+    """Find what of a finished run can be gone on with.
+
+    Parameters
+    ----------
+    stored : StoredRun
+        The run.
+
+    Returns
+    -------
+    rows : list of FrameRecord or SkippedPair
+        Of its checkpoint, numbered from 0 on.
+    state : dict of str to array, such as ``xyz`` (M, 3) float64
+        Likewise; the odometry's, before the end of the path.
+    recordings : list of StoredRecording
+        What it is of.
+
+    Raises
+    ------
+    InputError
+        If it is of another version, of a single pair, or not of pairs.
+    """
     place, record = stored.path, stored.record
     folder = RunFolder.open(place)
     if "command" in folder.config or "per_frame" not in record:
         raise bad_input(place, "is no run of pairs", "one of a sequence")
     if record["frames"] < _FEWEST:
         raise bad_input(place, "is a run of a single pair", "one of a sequence")
-    chosen = folder.config.get("source", {}).get("frames")
-    if chosen is not None and (chosen[0] != 0 or chosen[2] != 1):
-        raise bad_input(place, f"is of frames {chosen[0]}:{chosen[1]}:{chosen[2]} of its source", "frames from 0 on")
-    rows = _rows(folder)
+    rows, state = _checkpoint(folder)
+    rows = number_rows(rows, frames_of(stored))
     rig = read_frame(folder.finished_frame(stored.stored[0])).rig
-    return rows, list(_recordings(record, rows, rig))
+    return rows, state, list(_recordings(record, rows, rig))
 
 
-def _rows(folder: RunFolder) -> list[Row]:
-    """Rows of the checkpoint of a run."""
+def frames_of(stored: StoredRun) -> range:
+    """Find which pairs of its source a run is of.
+
+    Parameters
+    ----------
+    stored : StoredRun
+        The run.
+
+    Returns
+    -------
+    range
+    """
+    chosen = RunFolder.open(stored.path).config.get("source", {}).get("frames")
+    return range(stored.record["frames"]) if chosen is None else range(*chosen)
+
+
+def number_rows(rows: Sequence[Row], frames: range) -> list[Row]:
+    """Number rows from 0 on.
+
+    Parameters
+    ----------
+    rows : sequence of FrameRecord or SkippedPair
+        By the indices of pairs.
+    frames : range
+        Which those are.
+
+    Returns
+    -------
+    list of FrameRecord or SkippedPair
+        By their places among these.
+    """
+    return [row if frames[place] == place else replace(row, index=place) for place, row in enumerate(rows)]
+
+
+def _checkpoint(folder: RunFolder) -> tuple[list[Row], Arrays]:
+    """The checkpoint of a run: its rows, and the state of the odometry."""
     path = folder.path / STATE_NAME
     if STATE_NAME not in folder.units:
         raise bad_input(folder.path, f"has no {STATE_NAME}", "a run whose path is from its pairs")
     folder.check_unchanged(path)
     try:
-        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)[0]
+        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)
     except InputError as error:
         raise bad_input(path, f"cannot be gone on with ({error})", "the checkpoint of a run of this version") from error
+
+
+def restore_odometry(rig: Rig, resolved: Resolved, state: Arrays, image_of: Callable[[int], Image]) -> StereoOdometry:
+    """Restore the odometry of a run.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its cameras.
+    resolved : Resolved
+        Its settings.
+    state : dict of str to array
+        As `stored_parts` gives it.
+    image_of : callable
+        Left image of a tracked frame by its number.
+
+    Returns
+    -------
+    StereoOdometry
+        To be closed.
+
+    Raises
+    ------
+    InputError
+        If the state is none that it can have had.
+    """
+    odometry = Session(rig, resolved.settings, keep=False).odometry
+    assert isinstance(odometry, StereoOdometry)
+    odometry.restore(state, image_of)
+    return odometry
 
 
 def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterator[StoredRecording]:
@@ -234,14 +328,22 @@ def _bring(place: Path, work: Path, settings: dict[str, Any]) -> None:
         for name in (*sorted(names), STATE_NAME):  # the checkpoint counts once all is there
             unit = run_folder.units[name]
             if name not in folder.units:
-                _link(place / name, work / name)
+                link_file(place / name, work / name)
                 folder.record(work / name, input_hash=unit.input)
             if folder.units[name].sha256 != unit.sha256:
                 raise bad_input(place / name, "was changed since the run", "the file that the manifest lists")
 
 
-def _link(file: Path, target: Path) -> None:
-    """Give a file a second name, which costs no room; a copy where the disk cannot."""
+def link_file(file: Path, target: Path) -> None:
+    """Give a file a second name, which costs no room; a copy where the disk cannot.
+
+    Parameters
+    ----------
+    file : path
+        What is there.
+    target : path
+        Its other name; what has that name goes.
+    """
     try:
         target.unlink(missing_ok=True)
         os.link(file, target)

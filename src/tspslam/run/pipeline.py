@@ -196,6 +196,7 @@ def settings_of(source: Source, frames: range | None, resolved: Resolved) -> dic
     if isinstance(source, JoinedSequence):
         pairs = zip(source.names, map(len, source.recordings), strict=True)
         said["recordings"] = [{"name": name, "pairs": count} for name, count in pairs]
+        said |= {"joined_from": list(source.joined_from)} if source.joined_from else {}
     return resolved.nested | {"source": said}
 
 

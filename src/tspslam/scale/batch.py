@@ -25,7 +25,7 @@ from ..run.guard import check_folder, is_inside
 from ..settings import Settings
 from .cluster import Workers, connected, require_dask
 from .dispatching import Dispatcher, SchedulerLostError
-from .job import Job, Outcome
+from .job import Job, Outcome, run_job
 from .recordings import Recording, find_sources, longest_first, open_recordings
 from .summary import Row, describe_batch, errors_of, found_of, read_names, settings_of, write_summary
 from .truths import Truths, find_truths, measure
@@ -249,7 +249,9 @@ class _Batch:
 
     def _follow(self, client: Client, topic: str, jobs: Sequence[Job]) -> None:
         client.subscribe_topic(topic, lambda event: self._on_event(Event("step", values=event[1])))
-        for job, outcome in Dispatcher(client, lambda text: self._on_event(Event("note", text))).outcomes(jobs):
+        for job, outcome in Dispatcher(client, run_job, lambda text: self._on_event(Event("note", text))).outcomes(
+            jobs
+        ):
             self._rows[job.name] = row = self._row_of(job, outcome)
             self._on_event(Event("row", row=row))
             with contextlib.suppress(OutputError):  # the last one says it

@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic
 
 from .._files import one_line
 from ..errors import TspSlamError
-from .job import MOST_ATTEMPTS, Job, Outcome, run_job
+from .job import MOST_ATTEMPTS, AnyJob, Attempted, Outcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -23,7 +23,7 @@ class SchedulerLostError(TspSlamError):
     """The scheduler is gone; what is not finished can be gone on with."""
 
 
-class Dispatcher:
+class Dispatcher(Generic[AnyJob]):
     """Hands jobs to a cluster.
 
     A worker has one job at a time, so that the order of the jobs is kept, those who die take one with them, and it does
@@ -33,26 +33,28 @@ class Dispatcher:
     ----------
     client : distributed.Client
         Of the cluster.
+    work : callable
+        Does a job on a worker.
     say : callable
         Called with remarks for people.
     """
 
-    def __init__(self, client: Client, say: Callable[[str], object]) -> None:
-        self._client, self._say = client, say
-        self._running: dict[Future[Outcome], Job] = {}
+    def __init__(self, client: Client, work: Callable[[AnyJob], Outcome], say: Callable[[str], object]) -> None:
+        self._client, self._work, self._say = client, work, say
+        self._running: dict[Future[Outcome], AnyJob] = {}
         self._submitted, self._is_alone = 0, False
 
-    def outcomes(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Outcome]]:
+    def outcomes(self, jobs: Sequence[AnyJob]) -> Iterator[tuple[AnyJob, Outcome]]:
         """How each job went, as they end.
 
         Parameters
         ----------
-        jobs : sequence of Job
+        jobs : sequence of Attempted
             The first is begun first.
 
         Yields
         ------
-        tuple of Job and Outcome
+        tuple of Attempted and Outcome
 
         Raises
         ------
@@ -74,11 +76,11 @@ class Dispatcher:
         finally:
             self._let_go()
 
-    def _submit(self, job: Job) -> None:
+    def _submit(self, job: AnyJob) -> None:
         self._submitted += 1
         key = f"{job.topic}-{self._submitted}-{job.name}"
         with self._connected():
-            self._running[self._client.submit(run_job, job, key=key, pure=False)] = job
+            self._running[self._client.submit(self._work, job, key=key, pure=False)] = job
 
     def _room(self) -> int:
         """How many jobs may run: one a worker; one waits for a worker where there is none."""
@@ -99,7 +101,7 @@ class Dispatcher:
             raise self._lost("it has closed the connection")
         return [future for future in self._running if future.done()]
 
-    def _outcome_of(self, job: Job, future: Future[Outcome]) -> Outcome | None:
+    def _outcome_of(self, job: AnyJob, future: Future[Outcome]) -> Outcome | None:
         """How a job went; None if it is to be handed out again."""
         from distributed.scheduler import KilledWorker
 
@@ -136,7 +138,7 @@ class Dispatcher:
         self._running.clear()
 
 
-def _attempts_of(job: Job) -> int:
+def _attempts_of(job: Attempted) -> int:
     with contextlib.suppress(OSError):
         return (Path(job.ticket) / job.name).stat().st_size
     return 0

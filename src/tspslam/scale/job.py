@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from .._atomic import NO_ROOM, bad_output
 from .._files import reason_of
@@ -27,8 +28,31 @@ _TELL = 0.3  # s between two messages on how far a run is
 _one = threading.Lock()  # a process runs one recording at a time: its budget of threads is one
 
 
-class _WithdrawnError(Exception):
+class WithdrawnError(Exception):
     """The batch has ended; whoever begins it again goes on from the last checkpoint."""
+
+
+class Attempted(Protocol):
+    """What is handed to a worker and counted there."""
+
+    @property
+    def name(self) -> str:
+        """One word that no other of its batch has."""
+
+    @property
+    def source(self) -> str:
+        """What it is about, for people."""
+
+    @property
+    def ticket(self) -> str:
+        """A folder that is there as long as the batch goes on; attempts are counted in it."""
+
+    @property
+    def topic(self) -> str:
+        """Under which it tells how far it is."""
+
+
+AnyJob = TypeVar("AnyJob", bound=Attempted)
 
 
 @dataclass(frozen=True)
@@ -95,14 +119,33 @@ def run_job(job: Job) -> Outcome:
     Outcome
         Bad input and a full disk are one too. Anything else is an error of ours, and is raised.
     """
+    return attempt(job, _run, is_resumed=_is_begun(Path(job.out)))
+
+
+def attempt(job: AnyJob, work: Callable[[AnyJob], object], *, is_resumed: bool = False) -> Outcome:
+    """Do what is handed to this worker, once more: an attempt is counted before it begins.
+
+    Parameters
+    ----------
+    job : Attempted
+        What is done.
+    work : callable
+        Does it.
+    is_resumed : bool
+        Whether an earlier attempt had left finished units.
+
+    Returns
+    -------
+    Outcome
+        Bad input and a full disk are one too. Anything else is an error of ours, and is raised.
+    """
     with _one:
-        is_resumed = _is_begun(Path(job.out))
         try:
             attempts = _count_attempt(job)
             if attempts > MOST_ATTEMPTS:
                 return Outcome("poisoned", _say_poisoned(job), attempts - 1, is_resumed)
-            _run(job)
-        except _WithdrawnError:
+            work(job)
+        except WithdrawnError:
             return Outcome("withdrawn", "the batch was stopped", is_resumed=is_resumed)
         except InputError as error:
             return Outcome("refused", str(error), is_resumed=is_resumed)
@@ -111,17 +154,17 @@ def run_job(job: Job) -> Outcome:
         except OSError as error:
             if error.errno not in NO_ROOM:
                 raise
-            return Outcome("not written", str(bad_output(error.filename or job.out, error)), is_resumed=is_resumed)
+            return Outcome("not written", str(bad_output(error.filename or job.source, error)), is_resumed=is_resumed)
     return Outcome("run", attempts=attempts, is_resumed=is_resumed)
 
 
 def _run(job: Job) -> None:
     set_threads(job.threads)
     _wait_for_folder(Path(job.out))
-    run_path(job.source, job.out, job.settings, on_step=_Teller(job))
+    run_path(job.source, job.out, job.settings, on_step=Teller(job))
 
 
-def _say_poisoned(job: Job) -> str:
+def _say_poisoned(job: Attempted) -> str:
     return (
         f"{job.source}: its worker died {MOST_ATTEMPTS} times, killed or out of memory; expected one that fits "
         "(--memory), the same command tries it again"
@@ -133,7 +176,7 @@ def _is_begun(out: Path) -> bool:
     return manifest.is_file() and manifest.stat().st_size > 0
 
 
-def _count_attempt(job: Job) -> int:
+def _count_attempt(job: Attempted) -> int:
     """Note that an attempt begins, on disk, as the process may not live to tell; how many there were, with this one."""
     _refuse_ended(job)
     path = Path(job.ticket) / job.name
@@ -143,14 +186,14 @@ def _count_attempt(job: Job) -> int:
             os.fsync(handle.fileno())
             return handle.tell()
     except FileNotFoundError as error:
-        raise _WithdrawnError from error
+        raise WithdrawnError from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({reason_of(error)}); expected a place with space") from error
 
 
-def _refuse_ended(job: Job) -> None:
+def _refuse_ended(job: Attempted) -> None:
     if not os.path.isdir(job.ticket):
-        raise _WithdrawnError
+        raise WithdrawnError
 
 
 def _wait_for_folder(out: Path) -> None:
@@ -166,13 +209,20 @@ def _wait_for_folder(out: Path) -> None:
             time.sleep(_TELL)
 
 
-class _Teller:
-    """Tells the batch how far a run is, now and then, and ends the run when the batch has ended."""
+class Teller:
+    """Tells the batch how far a run is, now and then, and ends the run when the batch has ended.
 
-    def __init__(self, job: Job) -> None:
+    Parameters
+    ----------
+    job : Attempted
+        What is run.
+    """
+
+    def __init__(self, job: Attempted) -> None:
         self._job, self._stage, self._told, self._looked = job, "", 0.0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
+        """Take a step of the run."""
         now = time.monotonic()
         if now - self._looked > _LOOK:
             self._looked = now

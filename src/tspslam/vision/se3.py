@@ -59,6 +59,29 @@ def normalised(T: FloatArray) -> FloatArray:
     return exact
 
 
+def move_points(T: FloatArray, points: FloatArray) -> FloatArray:
+    """Move each point by a rigid motion of its own.
+
+    Parameters
+    ----------
+    T : (N, 4, 4) float64
+        The motions.
+    points : (N, 3) float64
+        The points, m.
+
+    Returns
+    -------
+    (N, 3) float64
+
+    Examples
+    --------
+    >>> move_points(np.eye(4)[None], np.ones((1, 3))).tolist()
+    [[1.0, 1.0, 1.0]]
+    """
+    moved: FloatArray = np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
+    return moved
+
+
 def repeated(T: FloatArray, times: float | FloatArray) -> FloatArray:
     """Motions repeated: their rotation vectors and their translations times a number each.
 

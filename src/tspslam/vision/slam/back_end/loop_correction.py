@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...._brief import Brief
 from ....errors import GeometryError
 from ....types import BoolArray, FloatArray, Rig
-from ...se3 import inverse, normalised
+from ...se3 import inverse, move_points, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..keyframes.parts import join_parts
@@ -117,7 +117,7 @@ class LoopProblem(Brief):
             If the edges do not fix the keyframes.
         """
         T = np.stack([frame.T_world_camera for frame in self.frames])
-        i, j, own, information = self._neighbours(T)
+        i, j, own, information = self.neighbours(T)
         older, T_loop, told = self._loop_edge(T)
         T_ij = normalised(inverse(T[i]) @ T[j])
         edges = PoseEdges(
@@ -129,7 +129,7 @@ class LoopProblem(Brief):
         numbers = np.array([frame.index for frame in self.frames], np.int64)
         motions = normalised(found @ inverse(T))
         motions[0] = np.eye(4)
-        return LoopCorrection(numbers, motions, self.landmark_id, self._first_seen(), numbers[1:][moved[1:]])
+        return LoopCorrection(numbers, motions, self.landmark_id, self.first_seen(), numbers[1:][moved[1:]])
 
     def _are_moved(self, bent: FloatArray, j: NDArray[np.int64], own: FloatArray) -> BoolArray:
         """Which keyframes see their landmarks elsewhere, where edges that end at j were bent so."""
@@ -142,8 +142,13 @@ class LoopProblem(Brief):
         moved[j[square > _FELT**2]] = True
         return moved
 
-    def _first_seen(self) -> NDArray[np.int64]:
-        """Which keyframe first saw each landmark."""
+    def first_seen(self) -> NDArray[np.int64]:
+        """Find which keyframe first saw each landmark.
+
+        Returns
+        -------
+        (M,) int64
+        """
         frames = self.frames[::-1]
         first_seen = np.zeros(len(self.xyz), np.int64)
         places = np.repeat(np.arange(len(frames))[::-1], [len(frame.landmark) for frame in frames])
@@ -163,8 +168,23 @@ class LoopProblem(Brief):
         except GeometryError:
             return None
 
-    def _neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, FloatArray]:
-        """Pairs of keyframes; what the sights of each keyframe tell of it, and the share of that which a pair has."""
+    def neighbours(self, T: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, FloatArray]:
+        """Find pairs of keyframes, and what landmarks in common tell of one against the other.
+
+        Parameters
+        ----------
+        T : (K, 4, 4) float64
+            Poses of the keyframes.
+
+        Returns
+        -------
+        i, j : (E,) int64
+            Which follow each other, or see enough landmarks in common.
+        own : (K, 6, 6) float64
+            What the sights of each keyframe tell of its pose.
+        information : (E, 6, 6) float64
+            The share of that which each pair has.
+        """
         i, j, shared = _sharing(self.frames, len(self.xyz))
         share = shared / np.array([max(len(frame.landmark), 1) for frame in self.frames])[j]
         own = self._informations(self.frames, T)
@@ -191,10 +211,28 @@ class LoopProblem(Brief):
 
     def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """The older keyframe, where the last one is seen from there, and the information."""
-        loop = self.loop
-        older = _older_place(self.frames, loop, len(self.xyz))
+        older = _older_place(self.frames, self.loop, len(self.xyz))
+        return older, *self.edge_from(older, self.loop, T)
+
+    def edge_from(self, place: int, loop: Keyframe, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Find what sights of older landmarks tell of a keyframe against one that it sees again.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe is seen again.
+        loop : Keyframe
+            Pose and sights of the other, as the older landmarks have them.
+        T : (K, 4, 4) float64
+            Poses of the keyframes.
+
+        Returns
+        -------
+        (4, 4) float64, (6, 6) float64
+            ``T_place_loop`` and its information.
+        """
         information = self._informations([loop], loop.T_world_camera[None])[0] + _LOOSE
-        return older, normalised(inverse(T[older]) @ loop.T_world_camera), information
+        return normalised(inverse(T[place]) @ loop.T_world_camera), information
 
 
 def _sharing(frames: Sequence[Keyframe], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -309,8 +347,7 @@ def close_loop(map_: Map, correction: LoopCorrection, same_landmark: float) -> N
     of_frame, of_landmark = _followed(map_, correction)
     T = correction.motions[of_frame] @ np.stack([frame.T_world_camera for frame in frames])
     map_.keyframes = [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, T, strict=True)]
-    move = correction.motions[of_landmark]
-    map_.xyz[:] = np.einsum("mij,mj->mi", move[:, :3, :3], map_.xyz) + move[:, :3, 3]
+    map_.xyz[:] = move_points(correction.motions[of_landmark], map_.xyz)
     map_.unsettled |= set(correction.unsettled.tolist()) & {frame.index for frame in frames}
     map_.loop = None
     _join_sights(map_, loop, same_landmark)

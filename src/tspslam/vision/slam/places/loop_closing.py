@@ -263,6 +263,51 @@ class PlaceRecognition:
         left = (k for k in _apart(likely, known) if self._is_left(k, tracked))
         return [(k, float(slack[k])) for k in islice(left, self.loops.candidates)]
 
+    def find_at(
+        self, place: int, image: Pyramid, uv: FloatArray, descriptors: Descriptors
+    ) -> PoseEstimate | None:  # fmt: skip
+        """Find where a view is among the landmarks about one keyframe: by descriptors, then by patches.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe of the map.
+        image : Pyramid
+            What the view shows.
+        uv : (N, 2) float64
+            Its keypoints, px.
+        descriptors : (N, P) uint64
+            Theirs.
+
+        Returns
+        -------
+        PoseEstimate or None
+            Without disparities; None where too few landmarks prove the place.
+        """
+        T = self.guess_at(place, uv, descriptors)
+        if T is None:
+            return None
+        return self._track(image, self._references_to(self._group(place), np.ones(len(self.map_.xyz), np.bool_)), T)
+
+    def guess_at(self, place: int, uv: FloatArray, descriptors: Descriptors) -> FloatArray | None:
+        """Find the pose of a view among the landmarks about one keyframe, by descriptors alone.
+
+        Parameters
+        ----------
+        place : int
+            Which keyframe of the map.
+        uv : (N, 2) float64
+            Keypoints of the view, px.
+        descriptors : (N, P) uint64
+            Theirs.
+
+        Returns
+        -------
+        (4, 4) float64 or None
+            None if too few agree.
+        """
+        return self._solve_pnp(self._group(place), uv, descriptors)
+
     def _older(self, estimate: PoseEstimate) -> tuple[FloatArray, FloatArray]:
         """Poses (K, 4, 4) of the keyframes before the window, and how far the path may have drifted since each, m."""
         poses, loops = self.index.poses, self.loops

@@ -1,0 +1,233 @@
+"""Steps of a join: what each makes of which files, named by a digest of all that it depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._atomic import make_folder, write_bytes
+from ..._threads import set_threads
+from ...io import RunFolder
+from ...run._stored_rows import text_of
+from ...run.record import FrameRecord, hash_of
+from ...run.sequence import MADE_BY
+from ..job import Outcome, attempt
+from .assembling import assemble
+from .joined_runs import JoinedRuns
+from .matching import read_candidates, read_shared, write_candidates, write_shared
+from .runs import FinishedRun
+from .states import finish_state, read_checkpoint
+
+KEYFRAMES = 25
+"""Keyframes that one step looks for at their candidates: a second or two on one core, so that little is lost."""
+FRAMES = 50
+"""Frames that one step numbers anew: likewise."""
+_RUNS = {"state": 1, "candidates": 2, "shared": 2}  # that a step looks at; others at all
+_DIGITS = 16  # hexadecimal, of a digest in a name: two of 2**32 are the same by chance
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where the files of a join are, by what they are made from.
+
+    Attributes
+    ----------
+    runs : tuple of FinishedRun
+        Two or more.
+    folder : str
+        Of the files of the steps.
+    """
+
+    runs: tuple[FinishedRun, ...]
+    folder: str
+
+    @cached_property
+    def joined(self) -> JoinedRuns:
+        """The runs as one sequence."""
+        return JoinedRuns(self.runs)
+
+    @property
+    def digest(self) -> str:
+        """Hash of all that the joined map is made from."""
+        return self._hash("joined", self.runs)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of each two runs."""
+        count = len(self.runs)
+        return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+    def file(self, kind: str, *which: int) -> Path:
+        """Name the file that is there once a step is done, by all that it is made from.
+
+        Parameters
+        ----------
+        kind, which : str, int
+            As `Step` has them.
+
+        Returns
+        -------
+        Path
+        """
+        runs = tuple(self.runs[r] for r in which[: _RUNS[kind]]) if kind in _RUNS else self.runs
+        part = "-".join(map(str, which[_RUNS.get(kind, 0) :]))
+        digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES}", runs)[:_DIGITS]
+        return Path(self.folder) / f"{kind}-{digest}{'.done' if kind == 'frames' else '.npz'}"
+
+    def frame(self, index: int) -> Path:
+        """Name the file of a frame that is numbered anew.
+
+        Parameters
+        ----------
+        index : int
+            Of its pair among all.
+
+        Returns
+        -------
+        Path
+        """
+        return Path(self.folder) / f"frames-{self.digest[:_DIGITS]}" / f"{index:06d}.npz"
+
+    def candidates(self, i: int, j: int) -> list[NDArray[np.int64]]:
+        """Read the candidates that two runs have, in parts of some keyframes.
+
+        Parameters
+        ----------
+        i, j : int
+            Which runs.
+
+        Returns
+        -------
+        list of (C, 2) int64
+            As `find_candidates` gives them.
+        """
+        found = read_candidates(self.file("candidates", i, j))
+        keyframes = np.unique(found[:, 0])
+        parts = [keyframes[k : k + KEYFRAMES] for k in range(0, len(keyframes), KEYFRAMES)]
+        return [found[np.isin(found[:, 0], part)] for part in parts]
+
+    @staticmethod
+    def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
+        return hash_of([MADE_BY.decode(), kind, [run.state for run in runs]])
+
+
+@dataclass(frozen=True)
+class Step:
+    """One task of a join.
+
+    Attributes
+    ----------
+    kind : str
+        "state", "candidates", "shared", "frames" or "map".
+    plan : Plan
+        Of the join.
+    which : tuple of int
+        Numbers of runs and, of a part of a task, which part.
+    ticket, topic : str
+        As `tspslam.scale.job.Job` has them.
+    threads : int or None
+        For this step; None for as many as the process has.
+    """
+
+    kind: str
+    plan: Plan
+    which: tuple[int, ...] = ()
+    ticket: str = ""
+    topic: str = ""
+    threads: int | None = None
+
+    @property
+    def name(self) -> str:
+        """One word that no other step of the join has."""
+        return "-".join([self.kind, *map(str, self.which)])
+
+    @property
+    def source(self) -> str:
+        """What it is about, for people."""
+        return " and ".join(self.plan.runs[r].path for r in self.which[:2]) or self.plan.folder
+
+    @property
+    def target(self) -> Path:
+        """The file that is there once it is done."""
+        return self.plan.file(self.kind, *self.which)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it was done before."""
+        return self.target.is_file()
+
+
+def run_step(step: Step) -> Outcome:
+    """Do a step of a join.
+
+    Parameters
+    ----------
+    step : Step
+        Which.
+
+    Returns
+    -------
+    Outcome
+    """
+    return attempt(step, _do)
+
+
+def _do(step: Step) -> None:
+    if step.threads is not None:
+        set_threads(step.threads)
+    _MAKERS[step.kind](step.plan, step.target, *step.which)
+
+
+def _make_state(plan: Plan, target: Path, r: int) -> None:
+    finish_state(plan.runs[r], target)
+
+
+def _make_candidates(plan: Plan, target: Path, i: int, j: int) -> None:
+    write_candidates((plan.runs[i], plan.runs[j]), _states(plan, i, j), target)
+
+
+def _states(plan: Plan, i: int, j: int) -> tuple[Path, Path]:
+    return plan.file("state", i), plan.file("state", j)
+
+
+def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
+    write_shared((plan.runs[i], plan.runs[j]), _states(plan, i, j), plan.candidates(i, j)[part], target)
+
+
+def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
+    """Number some frames of run r, and their rows, anew."""
+    run, (own, _) = plan.runs[r], read_checkpoint(plan.file("state", r))
+    rows, before = plan.joined.rows(r, own), RunFolder.open(run.path)
+    stored = [
+        (run.frames[old.index], row) for old, row in zip(own, rows, strict=True)
+        if isinstance(row, FrameRecord) and row.complex_ is not None
+    ]  # fmt: skip
+    for index, row in stored[part * FRAMES : (part + 1) * FRAMES]:
+        file = plan.frame(row.index)
+        make_folder(file.parent)
+        plan.joined.copy_frame(r, before.finished_frame(index), file, row)
+        write_bytes(file.with_suffix(".json"), text_of(row))
+    write_bytes(target, b"")
+
+
+def _make_map(plan: Plan, target: Path) -> None:
+    shared = [
+        (i, j, read_shared(plan.file("shared", i, j, part)))
+        for i, j in plan.pairs
+        for part in range(len(plan.candidates(i, j)))
+    ]
+    assemble(plan.joined, [plan.file("state", r) for r in range(len(plan.runs))], shared, target)
+
+
+_MAKERS: dict[str, Callable[..., None]] = {
+    "state": _make_state,
+    "candidates": _make_candidates,
+    "shared": _make_shared,
+    "frames": _make_frames,
+    "map": _make_map,
+}

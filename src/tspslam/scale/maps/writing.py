@@ -1,0 +1,86 @@
+"""The run folder of a join: frames and state are brought to it, then it is ended as any run is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...io import RunFolder
+from ...io._config import plain
+from ...io._places import MANIFEST
+from ...io._settling import is_run_folder, refuse_foreign, settle_config
+from ...io.manifest import read_manifest
+from ...run._stages import OnStep
+from ...run.continuing import link_file
+from ...run.pipeline import RunResult, run, settings_of
+from ...run.record import FrameRecord
+from ...run.sequence import STATE_NAME
+from .states import read_checkpoint
+from .steps import Plan
+
+
+def check_out(out: Path, plan: Plan) -> bool:
+    """Refuse a folder that holds something else than what this join leaves.
+
+    Parameters
+    ----------
+    out : Path
+        The run folder.
+    plan : Plan
+        Of the join.
+
+    Returns
+    -------
+    bool
+        Whether it has the joined state already.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else, or a run of other recordings or settings.
+    """
+    refuse_foreign(out)
+    if not is_run_folder(out) or not read_manifest(out / MANIFEST)[0]:
+        return False
+    settle_config(out, plain(settings_of(plan.joined, None, plan.runs[0].settings)))
+    return STATE_NAME in RunFolder.open(out).units
+
+
+def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
+    """Write the run of a join whose state is there: the end of the path, the map, pictures and report.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the join.
+    out : Path
+        The run folder.
+    on_step : callable or None
+        As for `tspslam.run.pipeline.run`.
+
+    Returns
+    -------
+    RunResult
+    """
+    settings = plan.runs[0].settings
+    with RunFolder.create(out, settings_of(plan.joined, None, settings)) as folder:
+        if STATE_NAME not in folder.units:
+            _bring(plan, folder)
+    return run(plan.joined, out, settings, on_step=on_step)
+
+
+def _bring(plan: Plan, folder: RunFolder) -> None:
+    """Bring the frames, and the state: that counts once all is there."""
+    rows, _ = read_checkpoint(plan.file("map"))
+    first = RunFolder.open(plan.runs[0].path)
+    for row in rows:
+        if not isinstance(row, FrameRecord) or row.complex_ is None:
+            continue
+        file, target = plan.frame(row.index), folder.frame_path(row.index)
+        if row.index < plan.runs[0].pairs and plan.runs[0].is_numbered:  # it keeps its numbers
+            file = first.finished_frame(row.index)
+            first.check_unchanged(file.with_suffix(".json"))
+        for suffix in (".npz", ".json"):
+            link_file(file.with_suffix(suffix), target.with_suffix(suffix))
+            folder.record(target.with_suffix(suffix), input_hash=row.input_hash)
+    link_file(plan.file("map"), folder.path / STATE_NAME)
+    folder.record(folder.path / STATE_NAME, input_hash=plan.digest)

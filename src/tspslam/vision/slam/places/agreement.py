@@ -1,0 +1,72 @@
+"""Which of the places that two maps share agree: a chance match has no fellows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....types import BoolArray, FloatArray
+from ...se3 import inverse, rotation_angle
+from ..keyframes.map import Map
+from .settings import LoopSettings
+from .shared_places import SharedPlaces
+
+_FEWEST = 2  # keyframes that must agree, where none of them sees enough landmarks to be sure of alone
+
+
+def agreeing(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
+    """Find the largest set of shared places that agree pairwise on how two parts of a map stand to one another.
+
+    Two places agree if the way from one to the other is the same in both parts, but for what P3P leaves open and what
+    the paths may have drifted between them (pairwise consistent measurements; Mangelson et al. 2018). The set
+    grows from the place that agrees with most. One that agrees with none counts only if it is sure of itself.
+
+    Parameters
+    ----------
+    map_ : Map
+        With both parts, each in a world of its own.
+    shared : SharedPlaces
+        Keyframes of one part, as the other has them.
+    loops : LoopSettings
+        How far they may be apart (`same_motion`, `drift_rate`), and what is sure (`sure_landmarks`).
+
+    Returns
+    -------
+    (S,) bool
+        Which are believed; all False where nothing is.
+    """
+    agrees = _agree(map_, shared, loops)
+    order = np.lexsort((np.arange(len(shared)), -shared.counts, -agrees.sum(axis=1)))
+    chosen: list[int] = []
+    for s in order.tolist():
+        if agrees[s, chosen].all():
+            chosen.append(s)
+    believed = np.zeros(len(shared), np.bool_)
+    believed[chosen] = True
+    is_enough = len(chosen) >= _FEWEST or bool((shared.counts[chosen] >= loops.sure_landmarks).any())
+    return believed if is_enough else np.zeros(len(shared), np.bool_)
+
+
+def _agree(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
+    """Which pairs of places agree, (S, S)."""
+    numbers = np.array([frame.index for frame in map_.keyframes])
+    poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))])
+    own, place = (np.searchsorted(numbers, at) for at in (shared.keyframe, shared.place))
+    off = _steps(shared.T_world_camera, _steps_between(poses[own]))
+    depth = np.minimum(shared.depth[:, None], shared.depth)
+    drift = loops.drift_rate * sum(np.abs(way[at][:, None] - way[at]) for at in (own, place))
+    slack = loops.same_motion + drift / depth  # m per m of depth, and as an angle
+    away: FloatArray = np.linalg.norm(off[..., :3, 3], axis=-1)
+    return np.asarray((away <= slack * depth) & (rotation_angle(off[..., :3, :3]) <= slack))
+
+
+def _steps_between(poses: FloatArray) -> FloatArray:
+    """``inv(T_a) T_b`` for each pair, (S, S, 4, 4)."""
+    steps: FloatArray = inverse(poses)[:, None] @ poses[None]
+    return steps
+
+
+def _steps(poses: FloatArray, expected: FloatArray) -> FloatArray:
+    """What is left of the steps between poses once those expected are taken off, (S, S, 4, 4)."""
+    left: FloatArray = inverse(expected) @ _steps_between(poses)
+    return left

@@ -1,0 +1,133 @@
+"""Steps of a join: killed in any of them, in any process, the same call goes on and ends with the same bytes."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from tspslam import OutputError
+from tspslam.scale.cluster import Workers
+from tspslam.scale.job import Outcome
+from tspslam.scale.maps import joining, steps
+from tspslam.scale.maps.joining import join_runs
+
+from .walks import content
+
+KINDS = "state", "candidates", "shared", "frames", "map"
+NAMES = "start", "middle"
+
+
+def spied(monkeypatch, kinds):
+    """Note the steps that are done."""
+    for kind, make in steps._MAKERS.items():
+
+        def noted(*given, kind=kind, make=make):
+            kinds.append(kind)
+            return make(*given)
+
+        monkeypatch.setitem(steps._MAKERS, kind, noted)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("kind", KINDS)
+def test_killed_in_a_step_the_same_call_does_what_is_left(runs, both, tmp_path, monkeypatch, kind):
+    folders, out = [runs[0] / name for name in NAMES], tmp_path / "map"
+    child = os.fork()
+    if not child:
+        monkeypatch.setitem(steps._MAKERS, kind, lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+        join_runs(folders, out)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    left = {path.name.split("-")[0] for path in (tmp_path / "map-steps").glob("*-*.*")}
+    done: list[str] = []
+    spied(monkeypatch, done)
+    join_runs(folders, out)
+    assert kind in done
+    assert not (set(done) - {kind}) & left
+    assert content(out) == content(both)
+    assert [path.name for path in tmp_path.iterdir()] == ["map"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_killed_while_the_run_is_written_no_step_is_done_again(runs, both, tmp_path, monkeypatch):
+    folders, out = [runs[0] / name for name in NAMES], tmp_path / "map"
+    child = os.fork()
+    if not child:
+
+        def kill(step):
+            if step.stage == "pictures":
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        join_runs(folders, out, on_step=kill)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    done: list[str] = []
+    spied(monkeypatch, done)
+    join_runs(folders, out)
+    assert done == []
+    assert content(out) == content(both)
+    assert [path.name for path in tmp_path.iterdir()] == ["map"]
+
+
+def test_in_any_order_and_with_any_split_the_bytes_are_the_same(runs, both, tmp_path, monkeypatch):
+    monkeypatch.setattr(joining, "_here", lambda given: ((step, steps.run_step(step)) for step in reversed(given)))
+    for name in ("KEYFRAMES", "FRAMES"):
+        monkeypatch.setattr(steps, name, 2)
+    monkeypatch.setattr(joining, "FRAMES", 2)
+    join_runs([runs[0] / name for name in NAMES], tmp_path / "map")
+    assert content(tmp_path / "map") == content(both)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "error", "said"),
+    [
+        (Outcome("not written", "no room"), OutputError, "no room"),
+        (Outcome("failed", "internal error"), joining.TspSlamError, "internal error"),
+        (Outcome("poisoned", "its worker died"), joining.InputError, "its worker died"),
+    ],
+)
+def test_what_a_step_cannot_do_is_said(runs, tmp_path, monkeypatch, outcome, error, said):
+    monkeypatch.setattr(joining, "_here", lambda given: ((step, outcome) for step in given))
+    with pytest.raises(error, match=said):
+        join_runs([runs[0] / name for name in NAMES], tmp_path / "map")
+    assert not (tmp_path / "map").exists()
+
+
+class TestWorkers:
+    """On processes of Dask."""
+
+    @pytest.fixture(autouse=True)
+    def _with_dask(self):
+        pytest.importorskip("distributed", reason="Dask is in the extra scale")
+
+    def test_workers_give_the_same_bytes(self, runs, both, tmp_path):
+        said: list[str] = []
+        join_runs([runs[0] / name for name in NAMES], tmp_path / "map", workers=Workers(2), on_note=said.append)
+        assert content(tmp_path / "map") == content(both)
+        assert said[0].startswith("2 workers")
+
+    def test_a_killed_worker_takes_no_step_with_it(self, runs, both, tmp_path):
+        psutil, killed = pytest.importorskip("psutil"), []
+
+        def kill():
+            """Kill each worker that has begun a step, once."""
+            while not killed and not (tmp_path / "map").exists():
+                for process in psutil.Process().children(recursive=True):
+                    begun = list(tmp_path.glob("map-steps/ticket-*/candidates*"))
+                    if begun and "spawn_main" in " ".join(process.cmdline()) and not process.children():
+                        process.kill()
+                        killed.append(process.pid)
+                time.sleep(0.01)
+
+        watch = threading.Thread(target=kill)
+        try:
+            said: list[str] = []
+            watch.start()
+            join_runs([runs[0] / name for name in NAMES], tmp_path / "map", workers=Workers(2), on_note=said.append)
+        finally:
+            (tmp_path / "map").mkdir(exist_ok=True)
+            watch.join()
+        assert killed
+        assert content(tmp_path / "map") == content(both)
