@@ -16,6 +16,7 @@ from ...run.continuing import number_rows, restore_odometry
 from ...run.record import FrameRecord, Row
 from ...run.sequence import MADE_BY, STATE_NAME
 from ...types import Image
+from ...vision.slam.back_end.loop_correction import correction_state
 from .joined_runs import JoinedRuns
 from .runs import FinishedRun
 
