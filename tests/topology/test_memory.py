@@ -38,10 +38,12 @@ def test_a_block_is_not_given_back_while_a_view_is_left():
     assert len(_memory._kept) == 2
 
 
-def test_a_block_twice_as_large_is_left_for_others():
-    del (array := [_memory.empty(2 * LARGE)])[:]
+def test_a_block_that_is_far_too_large_is_left_for_others():
+    del (array := [_memory.empty(4 * LARGE)])[:]
     array.append(_memory.empty(LARGE))
     assert len(_memory._kept) == 1
+    array.append(_memory.empty(LARGE + (1 << 18)))
+    assert not _memory._kept
 
 
 def test_no_more_is_kept_than_the_bound_and_the_oldest_go_first(monkeypatch):
@@ -54,6 +56,25 @@ def test_no_more_is_kept_than_the_bound_and_the_oldest_go_first(monkeypatch):
     array = _memory.empty(3 * LARGE // 2 * 2)
     assert oldest not in [np.frombuffer(memory, np.uint8).ctypes.data for memory in _memory._kept]
     assert sum(map(len, _memory._kept)) + array.nbytes <= _memory.MOST
+
+
+def test_where_the_system_gives_no_block_the_heap_does(monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(_memory.mmap, "mmap", refuse)
+    array = _memory.empty(LARGE)
+    assert array.shape == (LARGE,)
+    del array
+    assert not _memory._kept
+
+
+def test_a_system_that_does_not_know_the_advice_keeps_blocks_all_the_same(monkeypatch):
+    monkeypatch.setattr(_memory.mmap, "MADV_HUGEPAGE", 10**6, raising=False)
+    monkeypatch.setattr(_memory.mmap, "MADV_FREE", 10**6)
+    del (array := [_memory.empty(LARGE)])[:]
+    array.append(_memory.empty(LARGE))
+    assert array[0].shape == (LARGE,)
 
 
 def test_small_arrays_begin_with_a_cache_line_and_keep_nothing():

@@ -6,8 +6,10 @@ for large arrays that takes as long as filling them. Small ones come from the he
 
 from __future__ import annotations
 
+import contextlib
 import math
 import mmap
+import os
 import threading
 from typing import Any
 
@@ -18,6 +20,9 @@ LEAST = 1 << 22  # bytes of an array that has a block of its own: two huge pages
 MOST = 1 << 30  # bytes that are kept: those of a complex of 10^6 vertices with its signals and responses
 _PAGE = 1 << 21  # bytes of a huge page, of which blocks are made
 _LINE = 64  # bytes that come from memory together
+_SLACK = (
+    4  # times the bytes asked for that a block may have: half as large a mesh rests on the blocks of the larger one
+)
 
 _kept: list[mmap.mmap] = []  # the longest kept first
 _lock = threading.RLock()  # a block may come back while this thread takes another
@@ -44,21 +49,25 @@ def empty(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArra
     size = count * kind.itemsize
     if size < LEAST or not hasattr(mmap, "MADV_FREE"):
         return _aligned(count, kind).reshape(shape)
-    return np.asarray(_Block(_take(-(-size // _PAGE) * _PAGE), count, kind)).reshape(shape)
+    try:
+        memory = _take(-(-size // _PAGE) * _PAGE)
+    except OSError:  # no such mapping is given: the heap says what is wrong, if it has no room either
+        return _aligned(count, kind).reshape(shape)
+    return np.asarray(_Block(memory, count, kind)).reshape(shape)
 
 
 def give_back(memory: mmap.mmap) -> None:
     """Keep a block, unless that is too much; the system may take its pages when it runs short of them."""
     with _lock:
         if sum(map(len, _kept)) + len(memory) <= MOST:
-            memory.madvise(mmap.MADV_FREE)
+            _advise(memory, "MADV_FREE")
             _kept.append(memory)
 
 
 def _take(size: int) -> mmap.mmap:
-    """The smallest block that is kept and large enough, not twice so; else a new one, and what is too much goes."""
+    """The smallest block that is kept and large enough, but not far too large; else a new one, and the oldest go."""
     with _lock:
-        fitting = [memory for memory in _kept if size <= len(memory) < 2 * size]
+        fitting = [memory for memory in _kept if size <= len(memory) < _SLACK * size]
         if fitting:
             chosen = min(fitting, key=len)
             del _kept[next(k for k, memory in enumerate(_kept) if memory is chosen)]
@@ -66,9 +75,24 @@ def _take(size: int) -> mmap.mmap:
         while _kept and sum(map(len, _kept)) + size > MOST:
             del _kept[0]
     memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    if hasattr(mmap, "MADV_HUGEPAGE"):
-        memory.madvise(mmap.MADV_HUGEPAGE)
+    _advise(memory, "MADV_HUGEPAGE")
     return memory
+
+
+def _advise(memory: mmap.mmap, name: str) -> None:
+    """Tell the system how a block is used, if it knows the word; what is in it does not depend on that."""
+    with contextlib.suppress(OSError, AttributeError):
+        memory.madvise(getattr(mmap, name))
+
+
+def _renew_lock() -> None:
+    """In a process that was forked: whoever held it did not come along."""
+    global _lock
+    _lock = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew_lock)
 
 
 def _aligned(count: int, kind: np.dtype[Any]) -> NDArray[Any]:

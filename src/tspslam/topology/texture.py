@@ -113,6 +113,7 @@ def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Co
 
     edges, faces = complex_.edges.view(np.uint32), complex_.faces.view(np.uint32)  # unsigned: no wrap-around checks
     is_far, by_vertex, by_edge, by_face = _locality.visits(uv, edges[:, 0], faces[:, 0])
+    _locality.keep_visit(complex_, is_far, by_vertex)
     n_edges, n_faces = len(edges), len(faces)
     vertex, vertex_ok = empty(complex_.n), empty(complex_.n, bool)
     edge, edge_uv, edge_ok = empty(n_edges), empty((n_edges, 2)), empty(n_edges, bool)
@@ -155,14 +156,17 @@ def _drop_unseen(signals: Signals, seen: Signals) -> Signals:
 
 
 def _prefix_table(plane: NDArray[Any]) -> NDArray[Any]:
+    from .._threads import in_halves
     from . import _pixels
+    from ._locality import FEW
     from ._memory import empty
 
     height, width = plane.shape
     exact = plane.dtype.kind == "u" and width <= _WIDEST_EXACT
     table = empty((height, width + 1), np.int32 if exact else np.float64)
     table[:, 0] = 0
-    _pixels.prefix_sums(plane, table)
+    least = FEW // max(width, 1) + 2  # rows of more pixels than are near
+    in_halves(lambda part: _pixels.prefix_sums(plane[part], table[part]), height, least)
     return table
 
 

@@ -8,6 +8,22 @@ from ..._jit import kernel
 
 
 @kernel
+def faces_among(faces, rows):  # type: ignore[no-untyped-def]
+    """Which faces have a corner among `rows`, ascending, at least one."""
+    found, count = np.empty(faces.shape[0], np.int64), 0
+    low, high = rows[0], rows[-1]
+    is_run = high - low + 1 == rows.shape[0]
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            row = faces[f, corner]
+            if low <= row <= high and (is_run or rows[np.searchsorted(rows, row)] == row):
+                found[count] = f
+                count += 1
+                break
+    return found[:count]
+
+
+@kernel
 def rows_outside(faces, first, last):  # type: ignore[no-untyped-def]
     """Rows that faces name beyond `first` to `last`, as they come, with repetitions."""
     count = 0

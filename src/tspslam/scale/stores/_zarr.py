@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import secrets
 from collections.abc import Iterator
@@ -60,28 +61,31 @@ def read(array: Any, first: int, last: int) -> NDArray[Any]:
 
     Chunks are read here, as plain as `create` has them: a call of Zarr takes ten times as long as one of these.
     """
-    values = np.empty((last - first, *array.shape[1:]), array.dtype)
-    folder, rows = folder_of(array), array.chunks[0]
-    for name in chunk_files(array, first, last):
-        begin = int(name.split(".")[1]) * rows
-        low, high = max(first, begin), min(last, begin + rows)
-        values[low - first : high - first] = _chunk(folder / name, array)[low - begin : high - begin]
+    chunks, kind, folder = array.chunks, array.dtype, str(folder_of(array))
+    rows, tail = chunks[0], ".0" * (len(chunks) - 1)
+    values = np.empty((last - first, *chunks[1:]), kind)
+    for k in range(first // rows, -(-last // rows)):
+        low, high = max(first, k * rows), min(last, (k + 1) * rows)
+        part = _chunk(os.path.join(folder, f"c.{k}{tail}"), chunks, kind)
+        values[low - first : high - first] = part[low - k * rows : high - k * rows]
     return values
 
 
-def _chunk(path: Path, array: Any) -> NDArray[Any]:
+def _chunk(path: str, chunks: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
     """Rows of a chunk, which nobody can change; those used last are kept, as tiles share the chunks of their rims."""
     try:
-        status = path.stat()
-        key = (str(path), array.dtype, status.st_ino, status.st_size, status.st_mtime_ns)
+        status = os.stat(path)
+        key = (path, kind, status.st_ino, status.st_size, status.st_mtime_ns)
         if (rows := _kept.find(key)) is not None:
             return rows
-        data = path.read_bytes()
+        with open(path, "rb") as handle:
+            data = handle.read()
     except OSError as error:
         raise bad_input(path, f"cannot be read ({reason_of(error)})", EXPECTED) from error
-    if len(data) != _size(array) or _crc32c(data) != _RESIDUE:
+    count = math.prod(chunks)
+    if len(data) != count * kind.itemsize + _CHECKSUM or _crc32c(data) != _RESIDUE:
         raise bad_input(path, "is damaged: its checksum is another", EXPECTED)
-    rows = np.frombuffer(data, array.dtype, int(np.prod(array.chunks))).reshape(array.chunks)
+    rows = np.frombuffer(data, kind, count).reshape(chunks)
     _kept.add(key, rows)
     return rows
 

@@ -82,10 +82,14 @@ def load_piece(store: StoredMesh, first: int, last: int, rings: int, columns: Co
     place[visit] = np.arange(len(number), dtype=np.int32)
     local = _kernels.local_faces(faces, order, first, last, outside, place)
     found = {
-        name: read_around(store.arrays[name], first, last, outside)[visit] for name in columns if name in store.arrays
+        name: read_around(store.arrays[name], first, last, outside).take(visit, axis=0)
+        for name in columns
+        if name in store.arrays
     }
     own = place[: last - first].astype(np.int64)
-    return Piece(build_complex(local, len(number)), own, number[visit], *map(found.get, ("xyz", "uv", "luminance")))
+    return Piece(
+        build_complex(local, len(number)), own, number.take(visit), *map(found.get, ("xyz", "uv", "luminance"))
+    )
 
 
 def _faces_around(store: StoredMesh, first: int, last: int, rings: int) -> tuple[NDArray[Any], Rows]:
@@ -131,27 +135,19 @@ def faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
     InputError
         If a chunk is damaged.
     """
+    from . import _kernels
+
     found, named = [], []
     for chunk in np.unique(rows // store.chunk).tolist():
         begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
         faces, number = store.read("face_rows", begin, end), store.read("face_id", begin, end)
         mine = rows[slice(*np.searchsorted(rows, [chunk * store.chunk, (chunk + 1) * store.chunk]))]
         if len(mine) < min(store.chunk, store.n - chunk * store.chunk):
-            a, b, c = _are_among(faces, mine).T
-            faces, number = faces[a | b | c], number[a | b | c]
+            kept = _kernels.faces_among(faces, mine)
+            faces, number = faces.take(kept, axis=0), number.take(kept)
         found.append(faces)
         named.append(number)
     return np.concatenate(found), np.concatenate(named)
-
-
-def _are_among(faces: NDArray[Any], rows: Rows) -> NDArray[np.bool_]:
-    """Which corners are among some rows, ascending."""
-    low, high = int(rows[0]), int(rows[-1]) + 1
-    within: NDArray[np.bool_] = (faces >= low) & (faces < high)
-    if high - low > len(rows):
-        named = faces[within]
-        within[within] = rows[np.searchsorted(rows, named)] == named
-    return within
 
 
 def read_around(array: Any, first: int, last: int, outside: Rows) -> NDArray[Any]:
