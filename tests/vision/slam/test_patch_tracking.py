@@ -8,7 +8,7 @@ from tspslam import Rig, TrackingSettings
 from tspslam.vision.images import build_pyramid
 from tspslam.vision.rig import project
 from tspslam.vision.se3 import inverse
-from tspslam.vision.slam.patch_tracking import compute_warps, track_patches
+from tspslam.vision.slam.patch_tracking import aim_patches, compute_warps, track_patches
 
 FINE, ALL = range(0, -1, -1), range(3, -1, -1)
 
@@ -82,3 +82,23 @@ def test_warps_are_the_derivatives_of_projection():
     np.testing.assert_allclose(
         compute_warps(rig, inverse(T) @ T, xyz), np.repeat(np.eye(2)[None], 20, axis=0), atol=1e-9
     )
+
+
+def test_landmarks_are_aimed_at_where_they_project_to_and_in_view_within_the_image_and_the_limits():
+    rig = Rig(fx=500, fy=430, cx=320, cy=240, baseline=0.1, width=640, height=480, skew=3.0)
+    xyz = np.random.default_rng(0).uniform((-4, -4, -3), (4, 4, 9), (400, 3))
+    landmark, reference, current = np.arange(399, -1, -2), np.eye(4), np.eye(4)
+    current[:3, :3] = cv2.Rodrigues(np.array([0.1, -0.2, 0.3]))[0]
+    current[:3, 3] = 0.2, -0.1, 1.5
+    warp, guess, in_view = aim_patches(rig, xyz, landmark, reference, current, min_depth=0.5, max_zoom=1.6)
+    there, here = xyz[landmark], (xyz[landmark] - current[:3, 3]) @ current[:3, :3]
+    uv, is_near = project(rig, here), here[:, 2] > 0.5
+    is_alike = (there[:, 2] < 1.6 * here[:, 2]) & (here[:, 2] < 1.6 * there[:, 2])
+    with np.errstate(invalid="ignore"):
+        is_inside = ((uv >= 0) & (uv <= (639, 479))).all(axis=1)
+    assert in_view.tolist() == (is_near & is_alike & is_inside).tolist()
+    for condition in (is_near, is_alike, is_inside):
+        assert 0 < np.count_nonzero(condition) < len(condition)
+    np.testing.assert_allclose(guess[is_near], uv[is_near], atol=1e-9)
+    expected = compute_warps(rig, inverse(current) @ reference, there)
+    np.testing.assert_allclose(warp[in_view], expected[in_view], atol=1e-9)
