@@ -24,6 +24,7 @@ from tspslam.run.pipeline import run
 from tspslam.run.sequence import STATE_NAME
 from tspslam.types import Trajectory
 from tspslam.view import _style
+from tspslam.vision.slam.odometry import StereoOdometry
 
 from ..sequences import SETTINGS, SMALL_RIG, corridor, write_sequence
 
@@ -299,6 +300,23 @@ def run_loop(pairs, out, **options):
 def closed(loop, tmp_path_factory):
     """A run that closed a loop."""
     return run_loop(loop, tmp_path_factory.mktemp("loop") / "run")
+
+
+def test_no_checkpoint_waits_until_a_loop_is_closed(loop, closed, tmp_path, monkeypatch):
+    """There is one after each frame but those at which it would; the last frame's is taken whatever is under way."""
+    asked, state = [], StereoOdometry.state
+
+    def watched(odometry):
+        asked.append((len(odometry.path), odometry.mapper.is_correcting))
+        return state(odometry)
+
+    monkeypatch.setattr(StereoOdometry, "state", watched)
+    run_loop(loop, tmp_path / "run")
+    found = closed.run["loop_closures"][0][0] + 1  # frames by then
+    frames = [count for count, _ in asked]
+    assert set(range(2, found)) <= set(frames)
+    assert set(range(found, len(loop))) - set(frames)
+    assert not any(is_correcting for _, is_correcting in asked[:-1])
 
 
 @pytest.mark.parametrize("later", [0, 1, 2])  # frames after the one that closes the loop

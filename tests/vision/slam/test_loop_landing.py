@@ -143,7 +143,7 @@ def test_keyframes_come_while_a_loop_is_closed_and_it_lands_at_a_frame_that_thei
     rest = proceed(odometry, walk[0][THERE:], lambda: world.loop is not None)
     begun = world.loop.index
     for index, pair in enumerate(rest, begun + 1):
-        due = begun + 12 + len(world.keyframes) // 40
+        due = begun + 12 + len(world.keyframes) // 60
         is_due = index >= due and (index - world.keyframes[-1].index >= 2)
         came += [index] if odometry.process(pair).is_keyframe and world.loop is not None else []
         assert not (is_due and world.loop is not None)

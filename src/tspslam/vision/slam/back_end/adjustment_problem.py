@@ -190,9 +190,10 @@ def collect_problem(map_: Map, moving: Sequence[int], sigma_uv: float) -> Adjust
 
 def _holding(map_: Map, moving: Sequence[int], rows: NDArray[np.int64]) -> list[int]:
     """Places of the other keyframes that see enough of the landmarks."""
-    others = set(map_.seen_by(rows)) - set(moving)
-    least = map_.settings.min_shared
-    return [k for k in sorted(others) if _find(rows, map_.keyframes[k].landmark)[0].sum() >= least]
+    numbers, shared = np.unique(map_.sightings.of(rows)[1], return_counts=True)
+    likely = [map_.place_of(number) for number in numbers[shared >= map_.settings.min_shared].tolist()]
+    own = set(moving)
+    return [k for k in likely if k not in own]
 
 
 def _find(rows: NDArray[np.int64], landmark: NDArray[np.int64]) -> tuple[BoolArray, NDArray[np.int64]]:

@@ -195,7 +195,7 @@ class LoopProblem(Brief):
 
     def _informations(self, frames: Sequence[Keyframe], T: FloatArray) -> FloatArray:
         """What the sights of keyframes at T tell of their poses, (K, 6, 6), each in its own frame."""
-        from ..least_squares._kernels import pose_equations
+        from ..least_squares._pose_graph import informations
 
         lens, T_camera_world, S = lens_of(self.rig), inverse(T), np.empty((len(frames), 6, 6))
         R, t = np.ascontiguousarray(T_camera_world[:, :3, :3]), T_camera_world[:, :3, 3].copy()
@@ -204,9 +204,8 @@ class LoopProblem(Brief):
         )
         xyz, seen, weights = self.xyz[landmark], np.column_stack([uv, disparity]), np.empty((len(uv), 2))
         weights[:, 0], weights[:, 1] = self.sigma_uv**-2.0, sigma**-2.0
-        ends = np.cumsum([0, *(len(frame.landmark) for frame in frames)]).tolist()
-        for k, rows in enumerate(map(slice, ends, ends[1:])):
-            pose_equations(lens, R[k], t[k], xyz[rows], seen[rows], weights[rows], _HUBER, S[k], np.empty(6))
+        start = np.cumsum([0, *(len(frame.landmark) for frame in frames)])
+        informations(lens, R, t, start, xyz, seen, weights, _HUBER, S)
         return S
 
     def _loop_edge(self, T: FloatArray) -> tuple[int, FloatArray, FloatArray]:
@@ -260,7 +259,12 @@ def _older_place(frames: Sequence[Keyframe], loop: Keyframe, count: int) -> int:
 
 def prepare() -> None:
     """Have what closes loops compiled, or read from disk, before the camera waits for it."""
-    T, one = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(6), (2, 1, 1))
+    from ..least_squares._pose_graph import informations
+
+    T, one, none = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(6), (2, 1, 1)), np.empty((0, 3))
+    informations(
+        none[:, 0].copy(), np.empty((0, 3, 3)), none, np.zeros(1, np.int64), none, none, np.empty((0, 2)), 1.0, one[:0]
+    )
     optimise_poses(T, PoseEdges(np.array([0, 1]), np.array([1, 2]), T[:2], one), max_steps=1)
 
 

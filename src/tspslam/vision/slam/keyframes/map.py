@@ -370,6 +370,7 @@ class Map:
                 T = inverse(frames[other].T_world_camera) @ frames[k].T_world_camera
                 self.dropped.append((frames[k].index, frames[other].index, T))
                 self.images.drop(frames[k].index)
+                self.unsettled.discard(frames[k].index)
         for k in reversed(gone):
             del self.keyframes[k]
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...._jit import inlined, kernel
+from ._kernels import pose_equations
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -156,3 +157,15 @@ def graph_equations(
             else:
                 _add_product(B, WA, L[place[e]])
     return total
+
+
+@kernel
+def informations(
+    lens: Float64, R: Float64, t: Float64, start: Int64, xyz: Float64, seen: Float64, weights: Float64, width: float,
+    S: Float64,
+) -> None:  # fmt: skip
+    """Fill the normal equations S (K, 6, 6) of poses, each by rows ``start[k]`` to ``start[k + 1]`` of what is seen."""
+    b = np.empty(6)
+    for k in range(S.shape[0]):
+        rows = slice(start[k], start[k + 1])
+        pose_equations(lens, R[k], t[k], xyz[rows], seen[rows], weights[rows], width, S[k], b)
