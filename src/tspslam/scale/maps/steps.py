@@ -24,7 +24,7 @@ from .runs import FinishedRun
 from .states import finish_state, read_checkpoint
 
 KEYFRAMES = 25
-"""Keyframes that one step looks for at their candidates: a second or two on one core, so that little is lost."""
+"""Keyframes that one step looks for at their candidates: few, so that little is lost where it is killed."""
 FRAMES = 50
 """Frames that one step numbers anew: likewise."""
 _RUNS = {"state": 1, "candidates": 2, "shared": 2}  # that a step looks at; others at all
