@@ -9,14 +9,14 @@ OLDEST := .venv-oldest
 TESTS := -m pytest -n 2 --dist loadfile
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-browser browser test-latest test-oldest constraints check bench bench-slam bench-map bench-uses paper docs clean
+.PHONY: demo test test-browser browser test-latest test-oldest constraints check lint types house bench bench-slam bench-map bench-uses paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
 
 test: $(READY_DEV)  ## every check and every test
-	$(MAKE) check
-	$(ONE_THREAD) $(BIN)/python $(TESTS)
+	$(MAKE) -j 2 check
+	$(ONE_THREAD) $(BIN)/python $(TESTS) --ignore=tests/test_house.py
 
 browser:  ## install Chromium where the system's own packages have it, for the tests that need a browser
 	for name in chromium chromium-browser google-chrome; do command -v $$name && exit 0; done; \
@@ -39,10 +39,16 @@ constraints: | $(LATEST)/bin/python  ## take the versions of `make test-latest` 
 	$(LATEST)/bin/python -m pip freeze --exclude-editable >> $(LATEST)/constraints.txt
 	cp $(LATEST)/constraints.txt constraints.txt
 
-check: $(READY_DEV)  ## format, lint, strict types, import arrows
+check: types lint house  ## format, lint, strict types, import arrows
+
+types: $(READY_DEV)
+	$(BIN)/mypy
+
+lint: $(READY_DEV)
 	$(BIN)/ruff format --check src tests benchmarks examples experiments docs
 	$(BIN)/ruff check src tests benchmarks examples experiments docs
-	$(BIN)/mypy
+
+house: $(READY_DEV)
 	$(BIN)/python -m pytest -q tests/test_house.py
 
 bench-slam: $(READY_DEV)  ## the camera path beside the true one; DATA=FOLDER for a recording of your own

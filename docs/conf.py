@@ -76,6 +76,8 @@ def write_settings(app):
 
 def run_code_blocks(app, doctree):
     """Run the Python blocks of a page in one namespace and show below each what it prints."""
+    if app.config.run_code_of and app.env.docname not in app.config.run_code_of:
+        return
     namespace = {"__name__": "__main__"}
     for path in PACKAGE:
         app.env.note_dependency(path)
@@ -125,6 +127,7 @@ def level_captions(app, pagename, templatename, context, doctree):
 def setup(app):
     for field in PyClasslike.doc_field_types:
         field.label = "Attributes" if field.name == "variable" else field.label
+    app.add_config_value("run_code_of", [], "env")  # pages; none: all
     app.connect("autodoc-process-docstring", split_grouped_fields, priority=400)
     app.connect("missing-reference", find_by_last_name)
     app.connect("builder-inited", draw_pictures)

@@ -223,14 +223,16 @@ NO_SPHINX = any(importlib.util.find_spec(name) is None for name in ("sphinx", "f
 
 @pytest.mark.skipif(NO_SPHINX, reason="sphinx or furo is not installed: pip install '.[docs]'")
 def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path):
-    html = tmp_path / "html"
+    """One page's code is run by the build: that of all pages is by `test_code_on_a_page_runs`."""
+    html, ran = tmp_path / "html", "from_pair_to_response"
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", "-d", tmp_path / "doctrees", DOCS, html],
+        [sys.executable, "-m", "sphinx", "-q", "-W", "-D", f"run_code_of={ran}", "-d", tmp_path / "doctrees", DOCS, html],
         capture_output=True, encoding="utf-8", timeout=900,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     pages = [path.read_text(encoding="utf-8") for path in html.glob("*.html")]
     assert len(pages) > len(PAGES)
+    assert "output highlight-text" in (html / f"{ran}.html").read_text(encoding="utf-8")
     loaded = re.compile(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=\"(?:https?:)?//")
     assert not any(loaded.search(text) for text in pages)
     assert any("<math" in text for text in pages)

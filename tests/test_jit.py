@@ -190,7 +190,7 @@ def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):
     assert outcome(start(script, tmp_path))[0] == "1\n"
 
 
-def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed(tmp_path):
+def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed_a_first_frame_s_before_others(tmp_path):
     """A kernel, or types, that a run needs anew: a line more for `LIST`, if it must be; another one to compile."""
     write_sequence(tmp_path / "drive", corridor(1.2, SMALL_RIG))
     fill = "from tspslam.run import _compiling as c; c._end_with_input = list; c.compile_listed(True)"
@@ -198,23 +198,30 @@ def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed(tmp_
     code = (
         "import json, sys\n"
         "from tspslam.run.pipeline import run_path\n"
-        f"run_path({str(tmp_path / 'drive')!r}, {str(tmp_path / 'run')!r})\n"
-        "called = []\n"
-        "for module in [each for name, each in sys.modules.items() if name.startswith('tspslam.')]:\n"
-        "    for name, kernel in vars(module).items():\n"
-        "        if hasattr(kernel, 'overloads') and kernel.py_func.__module__ == module.__name__:\n"
-        "            called += [(module.__name__, name, len(kernel.overloads))] * bool(kernel.overloads)\n"
-        "print(json.dumps(called))\n"
+        "def called():\n"
+        "    found = []\n"
+        "    for module in [each for name, each in sys.modules.items() if name.startswith('tspslam.')]:\n"
+        "        for name, kernel in vars(module).items():\n"
+        "            if hasattr(kernel, 'overloads') and kernel.py_func.__module__ == module.__name__:\n"
+        "                found += [(module.__name__, name, len(kernel.overloads))] * bool(kernel.overloads)\n"
+        "    return found\n"
+        "first = []\n"
+        "def note(frame):\n"
+        "    if not first and frame.response is not None:\n"
+        "        first.extend(called())\n"
+        f"run_path({str(tmp_path / 'drive')!r}, {str(tmp_path / 'run')!r}, on_frame=note)\n"
+        "print(json.dumps([first, called()]))\n"
     )
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
-    called = json.loads(process.stdout)
+    first, called = json.loads(process.stdout)
     expected = {
         (module, name): count for (module, name), count in collections.Counter(row[:2] for row in listed()).items()
     }
     more = {f"{module} {name}": count for module, name, count in called if count > expected.get((module, name), 0)}
     assert len(called) > 20
     assert not more, LIST
+    assert {(module, name) for module, name, _ in first} == {row[:2] for row in listed()[: len(first)]}
 
 
 def test_what_draws_is_not_imported_before_the_first_frame():
