@@ -44,3 +44,15 @@ def test_vertices_without_elements_are_visited_too(monkeypatch):
     empty = build_complex([], 100)
     signals = sample_signals(noise(), np.zeros((100, 2)), empty)
     assert tmahf(empty, np.zeros((100, 2)), signals, order=0).defined.all()
+
+
+def test_the_order_taken_for_the_signals_is_taken_for_the_filter_and_changes_no_bit(monkeypatch):
+    uv, complex_ = scattered(n=500)
+    fresh = build_complex(complex_.faces, complex_.n)
+    monkeypatch.setattr(_locality, "FEW", 10)
+    signals = sample_signals(noise(), uv, complex_)
+    far, visit = _locality.visit_vertices(vars(complex_), uv)
+    assert far
+    assert np.array_equal(visit, _locality.visits(uv)[1])
+    sample_signals(noise(), uv[::-1], complex_)  # of another view: the order is another, the response is not
+    assert np.array_equal(tmahf(complex_, uv, signals).z, tmahf(fresh, uv, signals).z)

@@ -6,7 +6,7 @@ Results do not depend on the order of the visit; only the time does.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,6 @@ from .._jit import inlined, kernel
 from .._threads import both, in_halves
 from ..types import FloatArray
 from ._memory import empty
-
-if TYPE_CHECKING:
-    from .complex import Complex
 
 PER_CELL = 16  # vertices in a cell of the grid, about
 FEW = 1 << 15  # up to so many vertices everything is near
@@ -95,18 +92,18 @@ def visits(uv: FloatArray, *firsts: NDArray[np.uint32]) -> tuple[Any, ...]:
     return True, *some, *others
 
 
-def visit_vertices(complex_: Complex, uv: FloatArray) -> tuple[bool, NDArray[np.uint32]]:
-    """As `visits` of the vertices alone; if signals were sampled on the complex before, in the order taken there."""
-    if complex_.n > FEW and (kept := vars(complex_).get(_KEPT)) is not None:
-        return True, kept
+def visit_vertices(kept: dict[str, Any], uv: FloatArray) -> tuple[bool, NDArray[np.uint32]]:
+    """As `visits` of the vertices alone; where an order was kept with the complex, that one."""
+    if len(uv) > FEW and _KEPT in kept:
+        return True, kept[_KEPT]
     is_far, visit = visits(uv)
     return is_far, visit
 
 
-def keep_visit(complex_: Complex, is_far: bool, visit: NDArray[np.uint32]) -> None:
-    """Keep an order of visit of the vertices with their complex: 4 bytes a vertex."""
+def keep_visit(kept: dict[str, Any], is_far: bool, visit: NDArray[np.uint32]) -> None:
+    """Keep an order of visit of the vertices with their complex, whose `vars` are given: 4 bytes a vertex."""
     if is_far:
-        vars(complex_)[_KEPT] = visit
+        kept[_KEPT] = visit
 
 
 def in_parts(function: Callable[[slice], None], count: int) -> None:

@@ -207,7 +207,7 @@ def _filter(
     z, defined = empty(complex_.n, np.complex128), empty(complex_.n, bool)
     if rings is None:
         start, rows = complex_.stars
-        is_far, visit = _locality.visit_vertices(complex_, elements[: complex_.n, :2])
+        is_far, visit = _locality.visit_vertices(vars(complex_), elements[: complex_.n, :2])
         numbers = rows.view(np.uint32)  # no wrap-around checks
         _locality.in_parts(
             lambda part: _harmonics.filter_one_ring(

@@ -113,7 +113,7 @@ def _sample_plane(plane: NDArray[Any], unit: float, uv: FloatArray, complex_: Co
 
     edges, faces = complex_.edges.view(np.uint32), complex_.faces.view(np.uint32)  # unsigned: no wrap-around checks
     is_far, by_vertex, by_edge, by_face = _locality.visits(uv, edges[:, 0], faces[:, 0])
-    _locality.keep_visit(complex_, is_far, by_vertex)
+    _locality.keep_visit(vars(complex_), is_far, by_vertex)
     n_edges, n_faces = len(edges), len(faces)
     vertex, vertex_ok = empty(complex_.n), empty(complex_.n, bool)
     edge, edge_uv, edge_ok = empty(n_edges), empty((n_edges, 2)), empty(n_edges, bool)
