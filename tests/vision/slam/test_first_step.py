@@ -53,6 +53,16 @@ def test_the_first_step_of_a_street_is_found_however_long(street, step, turn):
     assert error <= max(0.03 * step, 0.02)
 
 
+def test_three_metres_are_found_in_a_corridor():
+    """2.6 m wide: all that is near is gone. The last landmarks around what descriptors show lead there."""
+    scene = synthetic.corridor(15.0, seed=1)
+    path = np.stack([scene.path[0], scene.path[0] @ shapes.pose_at((0, 0, 3.0), (0, 0, 0))])
+    sequence = synthetic.SyntheticSequence(replace(scene, path=path), RIG, synthetic.Faults(noise=0.01, blur=0.5))
+    _, error, tracked = first_step(list(sequence), sequence.truth, detector=None)
+    assert not tracked.is_lost
+    assert error < 0.09
+
+
 def test_a_path_does_not_depend_on_where_it_begins():
     """Started at three frames, four steps agree with those of the whole run within the two covariances."""
     scene = synthetic.street(20.0, seed=5)

