@@ -149,7 +149,8 @@ def streets(count: int, moved: int) -> list[str]:
         found += shifts(f"street {seed}", pairs, 0.0) if seed < moved else []
     for seed in range(max(1, moved // 4)):
         knocks += knocked(f"street {seed}", street(seed, 40.0))
-    return row(f"{count} streets of 20 m, {moved} of them shifted", plain, found, knocks, is_true=True)
+    name = f"{count} streets of 20 m, {moved} of them shifted, {len(knocks) // 2} of 40 m knocked"
+    return row(name, plain, found, knocks, is_true=True)
 
 
 def recording(folder: str) -> list[str]:
