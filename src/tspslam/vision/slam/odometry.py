@@ -309,8 +309,10 @@ class StereoOdometry:
             return self.map.keyframes[-1].index, np.full((6, 6), np.inf)
         settings, bias = self.tracking, self.mapper.bias
         spread = spread_of(images.sigma, estimate.uv, settings.sigma_disparity)
-        found = covariance_against_keyframe(self.map, estimate, settings.pose.sigma_uv, spread, bias.std)
-        return found[0], found[1] + (self.path.doubt_since(found[0]) if estimate.rival is None else 0.0)
+        against, covariance = covariance_against_keyframe(self.map, estimate, settings.pose.sigma_uv, spread, bias.std)
+        if estimate.rival is None:
+            covariance = covariance + self.path.doubt_since(against)
+        return against, covariance
 
     def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
         """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""

@@ -51,7 +51,9 @@ def shared_information(uv: FloatArray, width: int, residual: FloatArray, slope: 
     [8.0, 0.0]
     """
     grid = _summed(uv, width, residual, slope)
-    shared, levels, last = [], [], np.zeros((3, 2))
+    shared: list[FloatArray] = []
+    levels: list[FloatArray] = []
+    last = np.zeros((3, 2))
     for _ in range(_LEVELS):
         products = (grid[..., 0] ** 2 - grid[..., 1]).sum(axis=(0, 1))
         pairs = (grid[..., 2] * (grid[..., 2] - 1)).sum(axis=(0, 1))
