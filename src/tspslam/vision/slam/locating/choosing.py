@@ -16,8 +16,8 @@ _APART = 3.0  # px: ten times the spread of a tracked point
 _PLACES = 32  # across the image: a place is as wide as the spacing of landmarks
 _FLAT = 0.2  # of depth, in its logarithm, below which a thing counts as flat: a wall is a world, too
 _DEPTHS = (0.1, 0.9)  # quantiles between which depths count
-# Of the support of the pose that is believed: chosen on 40 starts behind a car, where right first steps have rivals of up
-# to 0.83 of it, and on eight drives without one, where there is none above it.
+# Of the support of the pose that is believed: chosen on 40 starts behind a car, where right first steps have rivals of
+# up to 0.83 of it, and on eight drives without one, where there is none above it.
 _DOUBT = 0.3
 
 
