@@ -12,7 +12,7 @@ from tspslam.io import read_frame
 from tspslam.run.config import resolve
 from tspslam.run.health import judge_calibration
 from tspslam.run.offset import refit_frame
-from tspslam.run.offset_doubts import border_doubts, offset_doubts, rows_doubts, rows_offset
+from tspslam.run.offset_doubts import border_doubts, describe_health, offset_doubts, rows_doubts, rows_offset
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import SequenceRun
 from tspslam.session import Settings
@@ -108,6 +108,16 @@ def test_what_is_large_and_certain_is_said_in_one_line(bias, found):
     assert [each["code"] for each in said] == found
     assert set(found) <= ADVICE.keys()
     assert not any("\n" in each["message"] or "nan" in each["message"] for each in said)
+
+
+def test_a_step_is_said_by_the_indices_of_the_pairs_that_it_lies_between():
+    bias = biased(0.4, 0.01, step=OffsetStep(Estimate(-0.9, 0.1), 17, 20, 10))
+    frames = range(100, 200, 2)  # of a run of every other pair from 100 on
+    (said,) = offset_doubts(STREET, bias, is_fixed=False, frames=frames)
+    assert "between frames from 140 on and those up to 134" in said["message"]
+    told = describe_health([0.0], bias, is_fixed=False, frames=frames)
+    assert told["disparity_offset_step_frames"] == [134, 140]
+    assert told["unexplained"] == ["it differs by -0.90 ± 0.1 px between frames from 140 on and those up to 134"]
 
 
 def test_it_is_said_where_recordings_of_one_run_have_other_calibrations():

@@ -58,6 +58,36 @@ def test_no_more_is_kept_than_the_bound_and_the_oldest_go_first(monkeypatch):
     assert sum(map(len, _memory._kept)) + array.nbytes <= _memory.MOST
 
 
+def test_blocks_in_use_and_kept_together_stay_below_a_bound():
+    del (array := [_memory.empty(LARGE)])[:]
+    with _memory.bounded(_memory._used + (60 << 20)):
+        array += [_memory.empty(LARGE), _memory.empty(LARGE + (1 << 18))]  # 24 and 26 MB
+        array.pop()
+        assert len(_memory._kept) == 1
+        array.append(_memory.empty(2 * LARGE))  # 48 MB beside 24 in use
+        assert not _memory._kept
+        array.pop()
+        assert not _memory._kept
+    array.clear()
+    assert len(_memory._kept) == 1
+
+
+def test_what_is_kept_goes_where_there_is_no_room_beside_it(monkeypatch):
+    del (array := [_memory.empty(LARGE)])[:]
+    given = mmap.mmap
+
+    def refuse_beside_others(*words, **options):
+        if _memory._kept:
+            raise OSError(12, "Cannot allocate memory")
+        return given(*words, **options)
+
+    monkeypatch.setattr(_memory.mmap, "mmap", refuse_beside_others)
+    array.append(_memory.empty(2 * LARGE))
+    assert not _memory._kept
+    monkeypatch.undo()
+    array.clear()
+
+
 def test_where_the_system_gives_no_block_the_heap_does(monkeypatch):
     def refuse(*_, **__):
         raise OSError(12, "Cannot allocate memory")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,9 @@ def thirds_of(offsets: Sequence[float]) -> tuple[Estimate | None, ...]:
     return tuple(rows_offset(part) for part in np.array_split(np.asarray(offsets, np.float64), 3))
 
 
-def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fixed: bool) -> dict[str, Any]:
+def describe_health(
+    rows: Sequence[float], bias: DisparityBias | None, *, is_fixed: bool, frames: Sequence[int] | None = None
+) -> dict[str, Any]:
     """What ``run.json`` says of a path's calibration besides its offsets.
 
     Parameters
@@ -116,6 +119,8 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
         Of the path; None where poses come from elsewhere.
     is_fixed : bool
         Whether frames have the offset taken off.
+    frames : sequence of int, optional
+        Index of the pair of each frame of the path; the frames' own numbers by default.
 
     Returns
     -------
@@ -128,7 +133,7 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
     found |= _listed("vertical_offset_thirds", thirds_of(rows))
     if bias is None or bias.health is None:
         return found
-    health, used = bias.health, bias.value if bias.is_used else 0.0
+    health, used = _by_pairs(bias.health, frames), bias.value if bias.is_used else 0.0
     found |= _listed("disparity_offset_thirds", health.thirds)
     for name, each in (("drift", health.drift), ("far_near", health.far_near), ("right_left", health.right_left)):
         found |= _pair(f"disparity_offset_{name}", each)
@@ -139,6 +144,14 @@ def describe_health(rows: Sequence[float], bias: DisparityBias | None, *, is_fix
     found |= {"focal_length_error_percent": percent.value, "focal_length_error_std_percent": percent.std}
     found["unexplained"] = _reasons(health)
     return found | {"offset_taken_off_path_px": used, "offset_taken_off_frames_px": used if is_fixed else 0.0}
+
+
+def _by_pairs(health: CalibrationHealth, frames: Sequence[int] | None) -> CalibrationHealth:
+    """The same, with the frames of its step by the indices of their pairs."""
+    step = health.step
+    if step is None or frames is None:
+        return health
+    return replace(health, step=replace(step, before=frames[step.before], after=frames[step.after]))
 
 
 def _pair(name: str, found: Estimate | None) -> dict[str, Any]:
@@ -153,7 +166,9 @@ def _listed(name: str, found: Sequence[Estimate | None]) -> dict[str, Any]:
     }
 
 
-def offset_doubts(rig: Rig, bias: DisparityBias, *, is_fixed: bool) -> Iterator[Warning_]:
+def offset_doubts(
+    rig: Rig, bias: DisparityBias, *, is_fixed: bool, frames: Sequence[int] | None = None
+) -> Iterator[Warning_]:
     """What is to be doubted of the offset of all disparities.
 
     Parameters
@@ -164,6 +179,8 @@ def offset_doubts(rig: Rig, bias: DisparityBias, *, is_fixed: bool) -> Iterator[
         Of a finished path.
     is_fixed : bool
         Whether frames have the offset taken off.
+    frames : sequence of int, optional
+        As for `describe_health`.
 
     Yields
     ------
@@ -172,7 +189,7 @@ def offset_doubts(rig: Rig, bias: DisparityBias, *, is_fixed: bool) -> Iterator[
     """
     found = Estimate(bias.value, bias.std)
     said = f"disparities are off by {found.value:+.2f} ± {found.std:.2g} px, as the motion tells"
-    health: CalibrationHealth | None = bias.health
+    health = None if bias.health is None else _by_pairs(bias.health, frames)
     if health is not None and health.unexplained:
         reasons = "; ".join(_reasons(health))
         kept = "It is not used, and frames stay as they are" if is_fixed else "It is not used"

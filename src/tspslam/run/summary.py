@@ -66,7 +66,7 @@ def summarize_run(
         "skipped": [row.index for row in rows if isinstance(row, SkippedPair)],
         "complex": _sizes(stored),
         "defined": defined,
-        "calibration": _calibration(stored, odometry if len(tracked) > 1 else None, session) | bits,
+        "calibration": _calibration(tracked, odometry if len(tracked) > 1 else None, session) | bits,
         "warnings": list(_warnings(rows, session, unpaired)),
         "per_frame": [_row(row) for row in tracked],
         "versions": versions(),
@@ -160,8 +160,9 @@ def _sizes(stored: list[ComplexRecord]) -> dict[str, int]:
     return {key: sum(getattr(each, name) for each in stored) for key, name in names.items()}
 
 
-def _calibration(stored: list[ComplexRecord], odometry: StereoOdometry | None, session: Session) -> dict[str, Any]:
+def _calibration(tracked: list[FrameRecord], odometry: StereoOdometry | None, session: Session) -> dict[str, Any]:
     """How far the rig is off: as the images tell, and as the motion does, if there was one."""
+    stored, fixed = [row.complex_ for row in tracked if row.complex_ is not None], session.settings.mapping.fix_offset
     offset, std = (None, None) if odometry is None else odometry.disparity_offset
     rows, bias = [each.vertical_offset_px for each in stored], None if odometry is None else odometry.mapper.bias
     return {
@@ -169,7 +170,7 @@ def _calibration(stored: list[ComplexRecord], odometry: StereoOdometry | None, s
         "vertical_offset_std_px": stored[0].vertical_offset_std_px,
         "disparity_offset_px": offset,
         "disparity_offset_std_px": std,
-    } | describe_health(rows, bias, is_fixed=session.settings.mapping.fix_offset)
+    } | describe_health(rows, bias, is_fixed=fixed, frames=[row.index for row in tracked])
 
 
 def _row(row: FrameRecord) -> dict[str, Any]:
@@ -186,7 +187,8 @@ def _warnings(rows: Sequence[Row], session: Session, unpaired: Sequence[str]) ->
     for line in doubts(rig):
         yield {"code": "calibration", "message": line}
     if odometry and len(tracked) > 1:
-        yield from offset_doubts(rig, odometry.mapper.bias, is_fixed=session.settings.mapping.fix_offset)
+        fixed, frames = session.settings.mapping.fix_offset, [row.index for row in tracked]
+        yield from offset_doubts(rig, odometry.mapper.bias, is_fixed=fixed, frames=frames)
     lone_std = stored[0].vertical_offset_std_px / max(stored[0].points, 1) ** 0.5 if stored else np.inf
     yield from rows_doubts([each.vertical_offset_px for each in stored], lone_std)
     yield from pixel_warnings(next((row.bits for row in tracked if row.bits is not None), None), tracked[0].unknown)

@@ -11,6 +11,7 @@ import math
 import mmap
 import os
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ _SLACK = (
 )
 
 _kept: list[mmap.mmap] = []  # the longest kept first
+_used = 0  # bytes of blocks that arrays stand in
+_most_of_all = math.inf  # bytes that are used and kept together, unless more are used
 _lock = threading.RLock()  # a block may come back while this thread takes another
 
 
@@ -56,25 +59,64 @@ def empty(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArra
     return np.asarray(_Block(memory, count, kind)).reshape(shape)
 
 
+@contextlib.contextmanager
+def bounded(size: int) -> Iterator[None]:
+    """Keep no block where those in use and those kept would be more bytes than this."""
+    global _most_of_all
+    before, _most_of_all = _most_of_all, size
+    _drop(0)
+    try:
+        yield
+    finally:
+        _most_of_all = before
+
+
 def give_back(memory: mmap.mmap) -> None:
     """Keep a block, unless that is too much; the system may take its pages when it runs short of them."""
+    global _used
     with _lock:
-        if sum(map(len, _kept)) + len(memory) <= MOST:
+        _used -= len(memory)
+        if sum(map(len, _kept)) + len(memory) <= _room():
             _advise(memory, "MADV_FREE")
             _kept.append(memory)
 
 
 def _take(size: int) -> mmap.mmap:
     """The smallest block that is kept and large enough, but not far too large; else a new one, and the oldest go."""
+    global _used
     with _lock:
         fitting = [memory for memory in _kept if size <= len(memory) < _SLACK * size]
         if fitting:
-            chosen = min(fitting, key=len)
-            del _kept[next(k for k, memory in enumerate(_kept) if memory is chosen)]
-            return chosen
-        while _kept and sum(map(len, _kept)) + size > MOST:
+            memory = min(fitting, key=len)
+            del _kept[next(k for k, each in enumerate(_kept) if each is memory)]
+        else:
+            _drop(size)
+            memory = _map(size)
+        _used += len(memory)
+    return memory
+
+
+def _room() -> float:
+    """Bytes that may be kept beside those in use."""
+    return min(MOST, _most_of_all - _used)
+
+
+def _drop(size: int) -> None:
+    """Let the oldest blocks go, as far as others and one of this size may not be kept beside them."""
+    with _lock:
+        while _kept and sum(map(len, _kept)) + size > _room():
             del _kept[0]
-    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+
+
+def _map(size: int) -> mmap.mmap:
+    """A new block; where there is no room for it beside those that are kept, these go."""
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError:
+        if not _kept:
+            raise
+        _kept.clear()
+        return _map(size)
     _advise(memory, "MADV_HUGEPAGE")
     return memory
 

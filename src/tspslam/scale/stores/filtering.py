@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from ..._files import bad_input
 from ...io.lock import FolderLock
+from ...topology._memory import bounded
 from . import cluster
 from .mesh import StoredMesh
 from .stored_response import (
@@ -23,7 +24,7 @@ from .stored_response import (
     sweep,
 )
 from .tiled_filter import Options, filter_rows
-from .tiles import checked_tile, runs_to_do, tile_for
+from .tiles import BLOCK_BYTES_PER_VERTEX, checked_tile, runs_to_do, tile_for
 
 
 class Place(NamedTuple):
@@ -153,7 +154,8 @@ def filter_run(
     """
     opened = store if isinstance(store, StoredMesh) else cluster.kept_store(*store)
     chosen, stamps = Options.of(options), stamps_of(opened, first, last)
-    answer = filter_rows(opened, chosen, first, last, tile)
+    with bounded(tile * BLOCK_BYTES_PER_VERTEX):
+        answer = filter_rows(opened, chosen, first, last, tile)
     told = {"peak_bytes": peak_bytes(), "tile": tile, "images": stamps}
     store_answer(opened, chosen.name, first, answer, told)
     return told | {"defined": int(answer.defined.sum()), "missing": list(answer.missing)}

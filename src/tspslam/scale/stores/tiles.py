@@ -15,6 +15,9 @@ from .mesh import StoredMesh
 BYTES_PER_VERTEX = 1000
 """Of a tile with its halo, at the peak: faces as read, complex, stars, signals, sums. Measured: 860, three rings."""
 
+BLOCK_BYTES_PER_VERTEX = BYTES_PER_VERTEX // 2
+"""Of these, what large arrays stand in and what is kept of such: tiles differ in size, and none fits blocks of all."""
+
 BASE_BYTES = 400 << 20
 """Of a process with NumPy, kernels and Dask, before a tile."""
 

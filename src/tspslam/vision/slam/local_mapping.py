@@ -347,8 +347,8 @@ class LocalMapper:
         self.joins = [(frame, earlier, count) for frame, earlier, count in state["joins"].tolist()]
         frame, against = state["loops"].T.copy()
         self.loops = Links(frame, against, state["looped"])
-        value, std = state["bias"].tolist()
-        self.bias.state = value, std
+        value, information = state["bias"].tolist()
+        self.bias.state = value, information
         self.map.rig = self.bias.correct(self._rig)
         if is_correcting:
             self._closing = self._closer.submit(correction_of, state)

@@ -34,7 +34,7 @@ from .tracking import TrackingSettings, measure_disparities, refine_pose, spread
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 _CLOSED = 3  # frames after a loop was found at which it is closed, and a frame more for so many keyframes: the graph
-_PER_FRAME = 60  # of 1 100 took 0.4 s beside the tracking; it has 19 frames: 0.56 s at 34 frames/s
+_PER_FRAME = 60  # of 1 100 took 0.4 s beside the tracking; it has 21 frames: 0.6 s at 34 frames/s
 _CORRECTING = 2  # in a state's counts: a loop is being closed; 1: an adjustment is under way; 3: both
 
 
@@ -390,7 +390,7 @@ class StereoOdometry:
                 self._follow(self.mapper.finish)
 
     def close(self) -> None:
-        """Release the worker thread; no further pair can be processed."""
+        """Release the threads beside this one; no further pair can be processed."""
         self._is_closed = True
         self.mapper.close()
         self.map.images.close()

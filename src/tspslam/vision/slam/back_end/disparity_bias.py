@@ -51,7 +51,7 @@ class CalibrationHealth(Brief):
         found += [] if self.drift is None else [("the last and first third of the path", self.drift)]
         large = [(words, each) for words, each in found if each.exceeds(LARGE_OFFSET, SURE)]
         if (step := self.sure_step) is not None:
-            large.append((f"frames of the path from {step.after} on and those up to {step.before}", step.size))
+            large.append((f"frames from {step.after} on and those up to {step.before}", step.size))
         return tuple(large)
 
     @property
