@@ -97,6 +97,16 @@ def test_a_run_whose_disparities_have_another_offset_is_left_out_by_name(runs, b
     assert "expected one calibration: at most 0.5 px" in result.left_out[str(moved)]
     with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* its disparities are off by -"):
         join_runs([moved, folder / "start"], tmp_path / "less")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map", "moved"]
+
+
+def test_where_no_run_is_left_a_line_says_why_and_nothing_is_left(runs, tmp_path):
+    for name in ("start", "middle"):
+        shutil.copytree(runs[0] / name, tmp_path / name)
+        with_a_state_that_cannot_be(tmp_path / name)
+    with pytest.raises(InputError, match=r"0 of 2 runs can be joined.* the state does not hold together"):
+        join_runs([tmp_path / "start", tmp_path / "middle"], tmp_path / "map")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["middle", "start"]
 
 
 def test_what_runs_know_of_the_offset_is_weighed_and_what_was_known_before_counts_once():

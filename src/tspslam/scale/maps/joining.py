@@ -228,9 +228,9 @@ class _Join:
         states = self._steps(like, "state", [(r,) for r in range(len(self.plan.runs))])
         new = [step.target for step in states if not step.is_done]
         self._leave_out(self._follow(outcomes, states))
-        plan = self.plan
-        if _is_there(out, plan, new):
+        if self._is_there(out, new):
             return
+        plan = self.plan
         _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
         parts = [(i, j, part) for i, j in plan.pairs for part in range(len(plan.candidates(i, j)))]
         moved = [(r, run) for r, run in enumerate(plan.runs) if r or not run.is_numbered]
@@ -263,19 +263,18 @@ class _Join:
     def _go_on_without(self, bad: dict[str, str]) -> None:
         self.left_out |= bad
         self.plan = replace(self.plan, runs=tuple(run for run in self.plan.runs if run.path not in bad))
-        self.require_runs()
         for path in sorted(bad):
             self.say(f"{path} is left out: {bad[path]}")
 
-
-def _is_there(out: Path, plan: Plan, new: Sequence[Path]) -> bool:
-    """Whether the folder has the map, now that its runs are known; if it is refused, what only served to know goes."""
-    try:
-        return check_out(out, plan)
-    except InputError:
-        for path in new:
-            path.unlink(missing_ok=True)
-        raise
+    def _is_there(self, out: Path, new: Sequence[Path]) -> bool:
+        """Whether the folder has the map, now that its runs are known; where all is refused, new files go."""
+        try:
+            self.require_runs()
+            return check_out(out, self.plan)
+        except InputError:
+            for path in new:
+                path.unlink(missing_ok=True)
+            raise
 
 
 def _require(outcomes: Iterator[tuple[Step, Outcome]]) -> None:

@@ -27,13 +27,12 @@ def unlike_offsets(runs: Sequence[FinishedRun], states: Sequence[Path]) -> dict[
     dict of str to str
         Why each of them cannot be joined to the first, by its path.
     """
-    first, *others = (_offset(state) for state in states)
-    return dict(_unlike(runs, first, others))
+    return dict(_unlike(runs, [_offset(state) for state in states]))
 
 
-def _unlike(runs: Sequence[FinishedRun], first: Estimate, others: Sequence[Estimate]) -> Iterator[tuple[str, str]]:
-    for run, own in zip(runs[1:], others, strict=True):
-        apart = own.less(first)
+def _unlike(runs: Sequence[FinishedRun], offsets: Sequence[Estimate]) -> Iterator[tuple[str, str]]:
+    for run, own in zip(runs[1:], offsets[1:], strict=True):
+        apart = own.less(offsets[0])
         if apart.exceeds(LARGE_OFFSET, SURE):
             said = (
                 f"its disparities are off by {apart.value:+.2f} ± {apart.std:.2g} px more than those of {runs[0].path}"
