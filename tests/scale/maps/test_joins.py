@@ -111,7 +111,10 @@ def test_a_folder_that_is_there_is_not_touched(runs, both, tmp_path):
     folder, before = runs[0], content(both)
     with pytest.raises(InputError, match=r"source\.joined_from"):
         join_runs([folder / "start", folder / "end"], both)
+    with pytest.raises(InputError, match=r"source\.joined_from"):
+        join_runs([folder / "start", folder / "middle", folder / "end"], both)
     assert content(both) == before
+    assert [path.name for path in both.parent.iterdir()] == ["map"]
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("kept")
     with pytest.raises(InputError, match=r"holds 'letter\.txt'"):

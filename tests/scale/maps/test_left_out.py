@@ -1,6 +1,8 @@
 """Runs that cannot be joined are left out, and say why; the others are joined as without them."""
 
+import os
 import shutil
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,9 +15,11 @@ from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import MADE_BY
 from tspslam.scale.maps.joining import join_runs
+from tspslam.scale.maps.runs import find_runs
+from tspslam.scale.maps.states import _weighed
 
 from ...sequences import RIG, SETTINGS, corridor
-from .walks import PIECES, Piece, content, walk
+from .walks import PIECES, Piece, content, kill_at_pictures, spied, walk
 
 
 def without_a_frame(folder):
@@ -41,17 +45,85 @@ def with_a_state_that_cannot_be(folder):
     ],
 )
 def test_a_broken_run_does_not_stop_the_others(runs, both, tmp_path, spoil, said):
-    folder, notes = runs[0], []
+    folder = runs[0]
     shutil.copytree(folder / "end", tmp_path / "broken")
     spoil(tmp_path / "broken")
-    result = join_runs(
-        [folder / "start", tmp_path / "broken", folder / "middle"], tmp_path / "map", on_note=notes.append
-    )
+    given = [folder / "start", tmp_path / "broken", folder / "middle"]
+    for _ in range(2):
+        notes: list[str] = []
+        result = join_runs(given, tmp_path / "map", on_note=notes.append)
+        assert list(result.left_out) == [str(tmp_path / "broken")]
+        assert said in result.left_out[str(tmp_path / "broken")]
+        assert result.is_degraded
+        assert sum("is left out" in note for note in notes) == 1
+        assert content(tmp_path / "map") == content(both)
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["broken", "map"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_killed_while_the_run_is_written_a_join_without_a_broken_run_goes_on(runs, both, tmp_path, monkeypatch):
+    folder, out, kinds = runs[0], tmp_path / "map", []
+    shutil.copytree(folder / "end", tmp_path / "broken")
+    with_a_state_that_cannot_be(tmp_path / "broken")
+    given = [folder / "start", tmp_path / "broken", folder / "middle"]
+    kill_at_pictures(given, out)
+    spied(monkeypatch, kinds)
+    result = join_runs(given, out)
+    assert kinds == ["state"]  # of the broken one, again
     assert list(result.left_out) == [str(tmp_path / "broken")]
-    assert said in result.left_out[str(tmp_path / "broken")]
-    assert result.is_degraded
-    assert sum("is left out" in note for note in notes) == 1
-    assert content(tmp_path / "map") == content(both)
+    assert content(out) == content(both)
+
+
+@dataclass(frozen=True)
+class Moved(Piece):
+    """A recording of another calibration: the right images are some pixels off."""
+
+    px: int = 0
+
+    def __getitem__(self, index):
+        pair = super().__getitem__(index)
+        return replace(pair, right=np.roll(pair.right, self.px, axis=1))
+
+
+def test_a_run_whose_disparities_have_another_offset_is_left_out_by_name(runs, both, tmp_path):
+    folder, moved, notes = runs[0], tmp_path / "moved", []
+    run(Moved(walk(), PIECES["end"], "end", px=-3), moved, resolve(assignments=SETTINGS))
+    given = [folder / "start", moved, folder / "middle"]
+    for _ in range(2):
+        result = join_runs(given, tmp_path / "map", on_note=notes.append)
+        assert list(result.left_out) == [str(moved)]
+        assert content(tmp_path / "map") == content(both)
+    assert sum(f"{moved}: its disparities are off by +" in note for note in notes) == 2
+    assert "expected one calibration: at most 0.5 px" in result.left_out[str(moved)]
+    with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* its disparities are off by -"):
+        join_runs([moved, folder / "start"], tmp_path / "less")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map", "moved"]
+
+
+def test_where_no_run_is_left_a_line_says_why_and_nothing_is_left(runs, tmp_path):
+    for name in ("start", "middle"):
+        shutil.copytree(runs[0] / name, tmp_path / name)
+        with_a_state_that_cannot_be(tmp_path / name)
+    with pytest.raises(InputError, match=r"0 of 2 runs can be joined.* the state does not hold together"):
+        join_runs([tmp_path / "start", tmp_path / "middle"], tmp_path / "map")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["middle", "start"]
+
+
+def test_what_runs_know_of_the_offset_is_weighed_and_what_was_known_before_counts_once():
+    before, own = 0.3, [0.2, 0.1]  # px, the latter without the former
+    information = [before**-2 + each**-2 for each in own]
+    biases = [np.array([each**-2 * 0.4 / all_, all_]) for each, all_ in zip(own, information, strict=True)]
+    value, total = _weighed(biases, before)
+    np.testing.assert_allclose(total, before**-2 + sum(each**-2 for each in own))
+    np.testing.assert_allclose(value * total, 0.4 * sum(each**-2 for each in own))
+    np.testing.assert_allclose(_weighed([np.array([0.0, before**-2])] * 3, before), [0, before**-2])
+
+
+def test_a_run_that_is_given_twice_counts_once(runs):
+    folder = runs[0]
+    found, left_out = find_runs([folder / "start", f"{folder}/./start", folder / "middle"])
+    assert [one.path for one in found] == [str(folder / name) for name in ("start", "middle")]
+    assert left_out == {}
 
 
 def test_a_run_of_another_kind_is_left_out_and_the_first_that_can_be_used_leads(runs, tmp_path):
@@ -60,10 +132,8 @@ def test_a_run_of_another_kind_is_left_out_and_the_first_that_can_be_used_leads(
     run(other, tmp_path / "few", resolve(assignments=["detector.count=700"]))
     run(corridor(1.5, RIG), tmp_path / "large", resolve(assignments=SETTINGS))
     names = [tmp_path / "gone", folder / "start", tmp_path / "few", tmp_path / "large", folder / "start"]
-    with pytest.raises(InputError, match="1 of 5 runs can be joined"):
+    with pytest.raises(InputError, match="1 of 4 runs can be joined"):
         join_runs(names, tmp_path / "map")
-    from tspslam.scale.maps.runs import find_runs
-
     found, left_out = find_runs(names)
     assert [one.path for one in found] == [str(folder / "start")]
     said = list(left_out.values())

@@ -1,33 +1,25 @@
 """Steps of a join: killed in any of them, in any process, the same call goes on and ends with the same bytes."""
 
+import contextlib
 import os
 import signal
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
 from tspslam import OutputError
 from tspslam.scale.cluster import Workers
 from tspslam.scale.job import Outcome
-from tspslam.scale.maps import joining, steps
+from tspslam.scale.maps import assembling, joining, steps
 from tspslam.scale.maps.joining import join_runs
+from tspslam.vision.slam.back_end.map_joining import join_maps
 
-from .walks import content
+from .walks import content, kill_at_pictures, spied
 
 KINDS = "state", "candidates", "shared", "frames", "map"
 NAMES = "start", "middle"
-
-
-def spied(monkeypatch, kinds):
-    """Note the steps that are done."""
-    for kind, make in steps._MAKERS.items():
-
-        def noted(*given, kind=kind, make=make):
-            kinds.append(kind)
-            return make(*given)
-
-        monkeypatch.setitem(steps._MAKERS, kind, noted)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -53,16 +45,7 @@ def test_killed_in_a_step_the_same_call_does_what_is_left(runs, both, tmp_path, 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_killed_while_the_run_is_written_no_step_is_done_again(runs, both, tmp_path, monkeypatch):
     folders, out = [runs[0] / name for name in NAMES], tmp_path / "map"
-    child = os.fork()
-    if not child:
-
-        def kill(step):
-            if step.stage == "pictures":
-                os.kill(os.getpid(), signal.SIGKILL)
-
-        join_runs(folders, out, on_step=kill)
-        os._exit(0)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    kill_at_pictures(folders, out)
     done: list[str] = []
     spied(monkeypatch, done)
     join_runs(folders, out)
@@ -78,6 +61,27 @@ def test_in_any_order_and_with_any_split_the_bytes_are_the_same(runs, both, tmp_
     monkeypatch.setattr(joining, "FRAMES", 2)
     join_runs([runs[0] / name for name in NAMES], tmp_path / "map")
     assert content(tmp_path / "map") == content(both)
+
+
+def test_places_that_do_not_agree_with_others_are_named(runs, both, tmp_path, monkeypatch):
+    def join(*given):
+        found = join_maps(*given)
+        return replace(found, refused=found.shared)
+
+    monkeypatch.setattr(assembling, "join_maps", join)
+    folders, said = [runs[0] / name for name in NAMES], []
+    join_runs(folders, tmp_path / "map", on_note=said.append)
+    assert sum(f"{folders[1]}: " in line and f"places of {folders[0]} " in line for line in said) == 1
+    assert content(tmp_path / "map") == content(both)
+
+
+@pytest.mark.parametrize("count", [0, 1, 49, 50, 51, 400, 401, 100_000])
+def test_tasks_are_cut_into_few_parts_of_all(count):
+    parts = [list(range(count))[part] for part in steps.cut(count, 50)]
+    assert [k for part in parts for k in part] == list(range(count))
+    assert len(parts) <= steps.PARTS
+    assert all(parts)
+    assert all(len(part) >= 50 for part in parts[:-1])
 
 
 @pytest.mark.parametrize(
@@ -112,13 +116,14 @@ class TestWorkers:
         psutil, killed = pytest.importorskip("psutil"), []
 
         def kill():
-            """Kill each worker that has begun a step, once."""
+            """Kill each worker that has begun a step, once; a process that ends while it is looked at is none."""
             while not killed and not (tmp_path / "map").exists():
                 for process in psutil.Process().children(recursive=True):
                     begun = list(tmp_path.glob("map-steps/ticket-*/candidates*"))
-                    if begun and "spawn_main" in " ".join(process.cmdline()) and not process.children():
-                        process.kill()
-                        killed.append(process.pid)
+                    with contextlib.suppress(psutil.Error):
+                        if begun and "spawn_main" in " ".join(process.cmdline()) and not process.children():
+                            process.kill()
+                            killed.append(process.pid)
                 time.sleep(0.01)
 
         watch = threading.Thread(target=kill)

@@ -1,5 +1,7 @@
 """Runs of pieces of one walk, and of another one, for the tests of joins."""
 
+import os
+import signal
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +11,8 @@ from tspslam.datasets import synthetic
 from tspslam.io import read_trajectory
 from tspslam.run.config import resolve
 from tspslam.run.pipeline import run
+from tspslam.scale.maps import steps
+from tspslam.scale.maps.joining import join_runs
 from tspslam.vision.se3 import inverse
 
 from ...sequences import SETTINGS, SMALL_RIG, Kept, corridor
@@ -65,3 +69,28 @@ def content(folder):
     """Bytes of every file of a run but what may vary."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != "timings.json")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def spied(monkeypatch, kinds):
+    """Note the steps that are done."""
+    for kind, make in steps._MAKERS.items():
+
+        def noted(*given, kind=kind, make=make):
+            kinds.append(kind)
+            return make(*given)
+
+        monkeypatch.setitem(steps._MAKERS, kind, noted)
+
+
+def kill_at_pictures(folders, out):
+    """Join runs in a process that is killed while it writes the run."""
+    child = os.fork()
+    if not child:
+
+        def kill(step):
+            if step.stage == "pictures":
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        join_runs(folders, out, on_step=kill)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL

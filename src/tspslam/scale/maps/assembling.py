@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ..._atomic import write_bytes
 from ...run._checkpoint import write_checkpoint
 from ...run.continuing import restore_odometry
 from ...run.record import FrameRecord
@@ -25,9 +27,13 @@ from .states import concatenate_states, image_reader, read_checkpoint
 
 
 def assemble(
-    joined: JoinedRuns, states: Sequence[Path], shared: Sequence[tuple[int, int, SharedPlaces]], target: Path
+    joined: JoinedRuns,
+    states: Sequence[Path],
+    shared: Sequence[tuple[int, int, SharedPlaces]],
+    target: Path,
+    said: Path,
 ) -> None:
-    """Write the checkpoint of a run of all recordings, whose end is still to be adjusted.
+    """Write the checkpoint of a run of all recordings, whose end is still to be adjusted, and remarks on it.
 
     Parameters
     ----------
@@ -39,6 +45,8 @@ def assemble(
         Keyframes of the second run as the first one has them.
     target : Path
         The checkpoint.
+    said : Path
+        A line each for the pairs of runs whose places were not believed.
     """
     read = [read_checkpoint(path) for path in states]
     readers = [image_reader(run, rows) for run, (rows, _) in zip(joined.runs, read, strict=True)]
@@ -52,7 +60,8 @@ def assemble(
     state["stamps"] = np.array([row.stamp for row in rows if isinstance(row, FrameRecord)])
     odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, image_of)
     try:
-        _join(odometry, SharedPlaces.joined([_numbered(joined, i, j, one) for i, j, one in shared]))
+        found = _join(odometry, SharedPlaces.joined([_numbered(joined, i, j, one) for i, j, one in shared]))
+        write_bytes(said, "".join(_refusals(joined, found.refused)).encode())
         write_checkpoint(target, MADE_BY, rows, odometry.state())
     finally:
         odometry.close()
@@ -63,13 +72,25 @@ def _numbered(joined: JoinedRuns, i: int, j: int, shared: SharedPlaces) -> Share
     return shared.moved(joined.first_tracked[j], joined.first_tracked[i], joined.first_id[i])
 
 
-def _join(odometry: StereoOdometry, shared: SharedPlaces) -> None:
+def _refusals(joined: JoinedRuns, refused: SharedPlaces) -> Iterator[str]:
+    """Lines on places that two runs seem to share."""
+    ends = zip(refused.keyframe.tolist(), refused.place.tolist(), strict=True)
+    pairs = Counter(tuple(bisect_right(joined.first_tracked, frame) - 1 for frame in pair) for pair in ends)
+    for (own, other), count in pairs.items():
+        yield (
+            f"{joined.runs[own].path}: {count} of its keyframes look like places of {joined.runs[other].path} that are "
+            "not where other places have them: not believed\n"
+        )
+
+
+def _join(odometry: StereoOdometry, shared: SharedPlaces) -> JoinedParts:
     """Join the parts of the map; the path goes with its keyframes, and what joined them is noted."""
     map_, path, before = odometry.map, odometry.path, list(odometry.map.keyframes)
     found = join_maps(map_, shared, odometry.tracking.pose.sigma_uv, odometry.tracking.loops)
     path.follow(before, map_)
     path.pose = path.trajectory(map_).T_world_camera[-1]
     _note(odometry, found)
+    return found
 
 
 def _note(odometry: StereoOdometry, found: JoinedParts) -> None:

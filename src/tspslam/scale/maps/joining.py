@@ -22,9 +22,10 @@ from ...run.pipeline import RunResult
 from ..cluster import Workers, connected, require_dask
 from ..dispatching import Dispatcher
 from ..job import Outcome
+from .offsets import unlike_offsets
 from .runs import find_runs
-from .steps import FRAMES, Plan, Step, run_step
-from .writing import check_out, write_run
+from .steps import FRAMES, Plan, Step, cut, run_step
+from .writing import check_out, is_of_fewer, write_run
 
 Outcomes = Callable[[Sequence[Step]], Iterator[tuple[Step, Outcome]]]
 _MARK = "join.txt"  # in the folder of the steps
@@ -119,9 +120,9 @@ def join_runs(
         join.require_runs()
         for path, why in left_out.items():
             join.say(f"{path} is left out: {why}")
-        if not check_out(place, join.plan):
-            join.make(workers)
-            check_out(place, join.plan)
+        if is_of_fewer(place, join.plan) or not check_out(place, join.plan):
+            join.make(workers, place)
+        join.say_remarks()
         result = write_run(join.plan, place, on_step)
         _clear(folder)
     return JoinResult(RunResult(Path(out), result.run, result.times), join.left_out)
@@ -185,23 +186,30 @@ class _Join:
             said = f"{len(self.plan.runs)} of {count} runs can be joined, expected {_FEWEST} or more"
             raise InputError(one_line(f"{said}; {why}" if why else said))
 
-    def make(self, workers: Workers | None) -> None:
-        """Do what is not done yet."""
+    def say_remarks(self) -> None:
+        """Say what was found when the map was made; nothing, where that is long ago."""
+        with contextlib.suppress(FileNotFoundError):
+            for line in self.plan.remarks.read_text("utf-8").splitlines():
+                self.say(line)
+
+    def make(self, workers: Workers | None, out: Path) -> None:
+        """Do what is not done yet for a run folder."""
         if self.plan.file("map").is_file():
             return
         with self._ticket() as ticket:
             if workers is None:
-                self._do_all(_here, Step("map", self.plan, (), ticket))
+                self._do_all(_here, Step("map", self.plan, (), ticket), out)
                 return
             paths = [ticket, *(run.path for run in self.plan.runs)]
             with connected(workers, self._most(), paths) as (client, threads, said):
                 self.say(said)
                 like = Step("map", self.plan, (), ticket, os.path.basename(ticket), threads)
-                self._do_all(Dispatcher(client, run_step, self.say).outcomes, like)
+                self._do_all(Dispatcher(client, run_step, self.say).outcomes, like, out)
 
     def _most(self) -> int:
         """How many steps there may be at a time."""
-        return max(len(self.plan.runs), len(self.plan.pairs), sum(run.stored for run in self.plan.runs) // FRAMES)
+        parts = sum(len(cut(run.stored, FRAMES)) for run in self.plan.runs)
+        return max(len(self.plan.runs), len(self.plan.pairs), parts)
 
     @contextlib.contextmanager
     def _ticket(self) -> Iterator[str]:
@@ -215,14 +223,18 @@ class _Join:
         finally:
             shutil.rmtree(ticket, ignore_errors=True)
 
-    def _do_all(self, outcomes: Outcomes, like: Step) -> None:
+    def _do_all(self, outcomes: Outcomes, like: Step, out: Path) -> None:
         """Do the steps, level by level: each needs files of those before it alone."""
-        self._leave_out(self._follow(outcomes, self._steps(like, "state", [(r,) for r in range(len(self.plan.runs))])))
+        states = self._steps(like, "state", [(r,) for r in range(len(self.plan.runs))])
+        new = [step.target for step in states if not step.is_done]
+        self._leave_out(self._follow(outcomes, states))
+        if self._is_there(out, new):
+            return
         plan = self.plan
         _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
         parts = [(i, j, part) for i, j in plan.pairs for part in range(len(plan.candidates(i, j)))]
         moved = [(r, run) for r, run in enumerate(plan.runs) if r or not run.is_numbered]
-        frames = [(r, part) for r, run in moved for part in range(-(-run.stored // FRAMES))]
+        frames = [(r, part) for r, run in moved for part in range(len(cut(run.stored, FRAMES)))]
         both = [*self._steps(like, "shared", parts), *self._steps(like, "frames", frames)]
         _require(self._follow(outcomes, both))
         _require(self._follow(outcomes, self._steps(like, "map", [()])))
@@ -245,11 +257,24 @@ class _Join:
                 bad[self.plan.runs[step.which[0]].path] = outcome.error
             else:
                 _raise(outcome)
+        self._go_on_without(bad)
+        self._go_on_without(unlike_offsets(self.plan.runs, self.plan.states))
+
+    def _go_on_without(self, bad: dict[str, str]) -> None:
         self.left_out |= bad
         self.plan = replace(self.plan, runs=tuple(run for run in self.plan.runs if run.path not in bad))
-        self.require_runs()
         for path in sorted(bad):
             self.say(f"{path} is left out: {bad[path]}")
+
+    def _is_there(self, out: Path, new: Sequence[Path]) -> bool:
+        """Whether the folder has the map, now that its runs are known; where all is refused, new files go."""
+        try:
+            self.require_runs()
+            return check_out(out, self.plan)
+        except InputError:
+            for path in new:
+                path.unlink(missing_ok=True)
+            raise
 
 
 def _require(outcomes: Iterator[tuple[Step, Outcome]]) -> None:

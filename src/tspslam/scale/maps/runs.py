@@ -75,7 +75,7 @@ def find_runs(paths: Sequence[PathLike]) -> tuple[list[FinishedRun], dict[str, s
     Parameters
     ----------
     paths : sequence of path
-        Run folders.
+        Run folders; one that is given twice counts once.
 
     Returns
     -------
@@ -86,7 +86,10 @@ def find_runs(paths: Sequence[PathLike]) -> tuple[list[FinishedRun], dict[str, s
     """
     runs: list[FinishedRun] = []
     left_out: dict[str, str] = {}
+    given: dict[str, PathLike] = {}
     for path in paths:
+        given.setdefault(os.path.abspath(path), path)
+    for path in given.values():
         try:
             run = _read_run(path)
             if runs:

@@ -127,7 +127,7 @@ def concatenate_states(joined: JoinedRuns, states: Sequence[Arrays]) -> Arrays:
         "counts": np.array([expected, lost, unsolved, 0, unplaced]),
         "next_id": np.array(sum(int(state["next_id"]) for state in states)),
         "added": np.array(sum(int(state["added"]) for state in states)),
-        "bias": _weighed([state["bias"] for state in states]),
+        "bias": _weighed([state["bias"] for state in states], joined.runs[0].settings.settings.tracking.sigma_offset),
         "loop_pose": np.eye(4),
         "loop_landmark": none,
         "loop_seen": np.empty((0, 4)),
@@ -162,7 +162,9 @@ def _before(states: Sequence[Arrays], name: str) -> Iterator[int]:
         count += 1 + int(state[name].max()) if name == "keyframe_part" else len(state[name])
 
 
-def _weighed(biases: Sequence[Arrays | np.ndarray]) -> np.ndarray:
-    """The offset of all disparities as all runs together have it, and its information."""
+def _weighed(biases: Sequence[Arrays | np.ndarray], sigma: float) -> np.ndarray:
+    """The offset of all disparities as all runs together have it, and its information: 0 ± `sigma` is in it once."""
     value, information = np.array(biases).T
-    return np.array([(value * information).sum() / information.sum(), information.sum()])
+    seen = information - sigma**-2.0
+    total = seen.sum() + sigma**-2.0
+    return np.array([(value * information).sum() / total, total])

@@ -24,11 +24,39 @@ from .runs import FinishedRun
 from .states import finish_state, read_checkpoint
 
 KEYFRAMES = 25
-"""Keyframes that one step looks for at their candidates: few, so that little is lost where it is killed."""
+"""Keyframes that one step looks for at their candidates, at least: few, so that little is lost where it is killed."""
 FRAMES = 50
-"""Frames that one step numbers anew: likewise."""
+"""Frames that one step numbers anew, at least: likewise."""
+PARTS = 8
+"""Steps that such a task is cut into at most: each reads the states of its runs, however little is left to do."""
 _RUNS = {"state": 1, "candidates": 2, "shared": 2}  # that a step looks at; others at all
 _DIGITS = 16  # hexadecimal, of a digest in a name: two of 2**32 are the same by chance
+
+
+def cut(count: int, least: int) -> list[slice]:
+    """Cut what a task is of into parts.
+
+    Parameters
+    ----------
+    count : int
+        Of how many things it is.
+    least : int
+        How many make a part at least.
+
+    Returns
+    -------
+    list of slice
+        `PARTS` at most.
+
+    Examples
+    --------
+    >>> cut(120, 50)
+    [slice(0, 50, None), slice(50, 100, None), slice(100, 150, None)]
+    >>> len(cut(4000, 50))
+    8
+    """
+    size = max(least, -(-count // PARTS))
+    return [slice(k, k + size) for k in range(0, count, size)]
 
 
 @dataclass(frozen=True)
@@ -76,7 +104,7 @@ class Plan:
         """
         runs = tuple(self.runs[r] for r in which[: _RUNS[kind]]) if kind in _RUNS else self.runs
         part = "-".join(map(str, which[_RUNS.get(kind, 0) :]))
-        digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES}", runs)[:_DIGITS]
+        digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES} {PARTS}", runs)[:_DIGITS]
         return Path(self.folder) / f"{kind}-{digest}{'.done' if kind == 'frames' else '.npz'}"
 
     def frame(self, index: int) -> Path:
@@ -93,6 +121,16 @@ class Plan:
         """
         return Path(self.folder) / f"frames-{self.digest[:_DIGITS]}" / f"{index:06d}.npz"
 
+    @property
+    def states(self) -> list[Path]:
+        """The files of the states of all runs."""
+        return [self.file("state", r) for r in range(len(self.runs))]
+
+    @property
+    def remarks(self) -> Path:
+        """The file of what is to be said of the joined map."""
+        return self.file("map").with_suffix(".txt")
+
     def candidates(self, i: int, j: int) -> list[NDArray[np.int64]]:
         """Read the candidates that two runs have, in parts of some keyframes.
 
@@ -108,8 +146,7 @@ class Plan:
         """
         found = read_candidates(self.file("candidates", i, j))
         keyframes = np.unique(found[:, 0])
-        parts = [keyframes[k : k + KEYFRAMES] for k in range(0, len(keyframes), KEYFRAMES)]
-        return [found[np.isin(found[:, 0], part)] for part in parts]
+        return [found[np.isin(found[:, 0], keyframes[part])] for part in cut(len(keyframes), KEYFRAMES)]
 
     @staticmethod
     def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
@@ -207,7 +244,7 @@ def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
         (run.frames[old.index], row) for old, row in zip(own, rows, strict=True)
         if isinstance(row, FrameRecord) and row.complex_ is not None
     ]  # fmt: skip
-    for index, row in stored[part * FRAMES : (part + 1) * FRAMES]:
+    for index, row in stored[cut(len(stored), FRAMES)[part]]:
         file = plan.frame(row.index)
         make_folder(file.parent)
         plan.joined.copy_frame(r, before.finished_frame(index), file, row)
@@ -221,7 +258,7 @@ def _make_map(plan: Plan, target: Path) -> None:
         for i, j in plan.pairs
         for part in range(len(plan.candidates(i, j)))
     ]
-    assemble(plan.joined, [plan.file("state", r) for r in range(len(plan.runs))], shared, target)
+    assemble(plan.joined, plan.states, shared, target, plan.remarks)
 
 
 _MAKERS: dict[str, Callable[..., None]] = {

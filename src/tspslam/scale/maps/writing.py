@@ -7,7 +7,7 @@ from pathlib import Path
 from ...io import RunFolder
 from ...io._config import plain
 from ...io._places import MANIFEST
-from ...io._settling import is_run_folder, refuse_foreign, settle_config
+from ...io._settling import is_run_folder, read_config, refuse_foreign, settle_config
 from ...io.manifest import read_manifest
 from ...run._stages import OnStep
 from ...run.continuing import link_file
@@ -38,11 +38,43 @@ def check_out(out: Path, plan: Plan) -> bool:
     InputError
         If the folder holds something else, or a run of other recordings or settings.
     """
-    refuse_foreign(out)
-    if not is_run_folder(out) or not read_manifest(out / MANIFEST)[0]:
+    if not _is_begun(out):
         return False
     settle_config(out, plain(settings_of(plan.joined, None, plan.runs[0].settings)))
     return STATE_NAME in RunFolder.open(out).units
+
+
+def is_of_fewer(out: Path, plan: Plan) -> bool:
+    """Tell whether a folder holds a join of some of the runs only: as where the others' states were of no use.
+
+    Parameters
+    ----------
+    out : Path
+        The run folder.
+    plan : Plan
+        Of the join.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else than a run.
+    """
+    if not _is_begun(out):
+        return False
+    source = read_config(out).get("source")
+    known = source.get("joined_from") if isinstance(source, dict) else None
+    wanted = plan.joined.joined_from
+    return isinstance(known, list) and len(known) < len(wanted) and [run for run in wanted if run in known] == known
+
+
+def _is_begun(out: Path) -> bool:
+    """Whether a unit of a run is finished there; refuses what is none of a run."""
+    refuse_foreign(out)
+    return is_run_folder(out) and bool(read_manifest(out / MANIFEST)[0])
 
 
 def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ..places.agreement import agreeing
 from ..places.settings import LoopSettings
 from ..places.shared_places import SharedPlaces
 from .loop_correction import LoopProblem
+from .part_tree import PartTree
 
 _MAX_STEPS = 100  # by the default of `optimise_poses`: many loops at once, and nobody waits
 
@@ -34,10 +36,13 @@ class JoinedParts(Brief):
         Places that were believed, by keyframe; poses as in the map before it was bent.
     is_join : (S,) bool
         Those that first joined two parts; the others are loops.
+    refused : SharedPlaces
+        Places of two parts that agree among themselves, but not with what joins these parts through others.
     """
 
     shared: SharedPlaces
     is_join: NDArray[np.bool_]
+    refused: SharedPlaces
 
 
 def join_maps(map_: Map, shared: SharedPlaces, sigma_uv: float, loops: LoopSettings) -> JoinedParts:
@@ -60,31 +65,29 @@ def join_maps(map_: Map, shared: SharedPlaces, sigma_uv: float, loops: LoopSetti
     """
     pairs = _believed(map_, shared, loops)
     if not pairs:
-        return JoinedParts(shared.chosen(np.zeros(len(shared), np.bool_)), np.zeros(0, np.bool_))
-    joining, motions = _tree(map_, pairs)
-    held = SharedPlaces.joined(pairs)
+        nothing = SharedPlaces.joined([])
+        return JoinedParts(nothing, np.zeros(0, np.bool_), nothing)
+    tree = PartTree(map_, loops)
+    agrees = [tree.add(pair) for pair in pairs]
+    held, refused = (SharedPlaces.joined([*compress(pairs, of)]) for of in (agrees, [not one for one in agrees]))
     first = _parts_of(map_, held.place)
-    held = replace(held, T_world_camera=normalised(motions[first] @ held.T_world_camera))
-    _move_parts(map_, motions)
+    held = replace(held, T_world_camera=normalised(tree.motions[first] @ held.T_world_camera))
+    _move_parts(map_, tree.motions)
     sights = [_sights(map_, held, s) for s in range(len(held))]
     _bend(map_, held, sights, sigma_uv)
     for again in sights:
         _fuse(map_, again, loops.same_landmark)
-    for keyframe, place in joining:
-        map_.keyframes = join_parts(map_.keyframes, *_places(map_, np.array([keyframe, place])).tolist())
-    is_join = np.array([(k, p) in joining for k, p in zip(held.keyframe.tolist(), held.place.tolist(), strict=True)])
+    for keyframe, place in tree.joining:
+        map_.keyframes = join_parts(map_.keyframes, map_.place_of(keyframe), map_.place_of(place))
+    is_join = np.array(
+        [(k, p) in tree.joining for k, p in zip(held.keyframe.tolist(), held.place.tolist(), strict=True)]
+    )
     order = np.argsort(held.keyframe, kind="stable")
-    return JoinedParts(held.chosen(order), is_join[order])
-
-
-def _places(map_: Map, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Which keyframes of the map frames are."""
-    return np.searchsorted(np.array([frame.index for frame in map_.keyframes]), numbers)
+    return JoinedParts(held.chosen(order), is_join[order], refused)
 
 
 def _parts_of(map_: Map, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    part = np.array([frame.part for frame in map_.keyframes])
-    return part[_places(map_, numbers)]
+    return np.array([map_.keyframes[map_.place_of(number)].part for number in numbers.tolist()], np.int64)
 
 
 def _believed(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> list[SharedPlaces]:
@@ -96,29 +99,6 @@ def _believed(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> list[Shar
         if len(of_pair):
             found.append(of_pair.chosen(agreeing(map_, of_pair, loops)))
     return sorted((one for one in found if len(one)), key=lambda one: -int(one.start[-1]))
-
-
-def _tree(map_: Map, pairs: list[SharedPlaces]) -> tuple[list[tuple[int, int]], FloatArray]:
-    """Places that join parts without a ring, (keyframe, place) each; how the parts move to the world of their lowest.
-
-    Of two parts the place joins them that most landmarks tell of.
-    """
-    count = 1 + max(frame.part for frame in map_.keyframes)
-    root, motions = np.arange(count), np.tile(np.eye(4), (count, 1, 1))
-    joining = []
-    for one in pairs:
-        s = int(np.argmax(one.counts))
-        keyframe, place = int(one.keyframe[s]), int(one.place[s])
-        (own, other), at = _parts_of(map_, np.array([keyframe, place])), _places(map_, np.array([keyframe]))[0]
-        if root[own] == root[other]:
-            continue
-        joining.append((keyframe, place))
-        # moves what `own` is in: where its world is as the world that `other` is in has it
-        T = motions[other] @ one.T_world_camera[s] @ inverse(motions[own] @ map_.keyframes[at].T_world_camera)
-        keep, gone = (root[other], root[own]) if root[other] < root[own] else (root[own], root[other])
-        motions[root == gone] = normalised((T if gone == root[own] else inverse(T)) @ motions[root == gone])
-        root[root == gone] = keep
-    return joining, motions
 
 
 def _move_parts(map_: Map, motions: FloatArray) -> None:
@@ -138,7 +118,7 @@ def _sights(map_: Map, shared: SharedPlaces, s: int) -> Keyframe:
     ids, T, rig = shared.landmark_id[rows], shared.T_world_camera[s], map_.rig
     xyz = map_.xyz[np.searchsorted(map_.landmark_id, ids)]
     depth = (xyz - T[:3, 3]) @ T[:3, 2]
-    own = map_.keyframes[_places(map_, shared.keyframe[s : s + 1])[0]]
+    own = map_.keyframes[map_.place_of(int(shared.keyframe[s]))]
     sigma = np.full(len(ids), np.median(own.sigma))
     return Keyframe(own.index, T, None, ids, shared.uv[rows], rig.fx * rig.baseline / depth - rig.doffs, sigma)
 
@@ -149,7 +129,7 @@ def _bend(map_: Map, shared: SharedPlaces, sights: list[Keyframe], sigma_uv: flo
     problem = LoopProblem(frames, frames[-1], map_.landmark_id, map_.xyz, map_.rig, sigma_uv)
     T = np.stack([frame.T_world_camera for frame in frames])
     i, j, _, information = problem.neighbours(T)
-    ends = np.column_stack([_places(map_, shared.place), _places(map_, shared.keyframe)])
+    ends = np.array([[map_.place_of(n) for n in numbers.tolist()] for numbers in (shared.place, shared.keyframe)]).T
     rows = [np.searchsorted(map_.landmark_id, one.landmark) for one in sights]
     told = [
         problem.edge_from(place, replace(one, landmark=row, disparity=np.full(len(row), np.nan)), T)
@@ -173,7 +153,7 @@ def _bend(map_: Map, shared: SharedPlaces, sights: list[Keyframe], sigma_uv: flo
 
 def _fuse(map_: Map, again: Keyframe, same_landmark: float) -> None:
     """Have a keyframe see landmarks of another part, by numbers; those that it sees in the same place become one."""
-    place = int(_places(map_, np.array([again.index]))[0])
+    place = map_.place_of(again.index)
     own, older = map_.keyframes[place], _as_called_now(map_, again)
     older = _without(older, np.isin(older.landmark, own.landmark))
     seen, known = (np.column_stack([frame.uv, frame.disparity]) for frame in (older, own))

@@ -52,21 +52,12 @@ def _agree(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
     poses = np.array([frame.T_world_camera for frame in map_.keyframes]).reshape(-1, 4, 4)
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))])
     own, place = (np.searchsorted(numbers, at) for at in (shared.keyframe, shared.place))
-    off = _steps(shared.T_world_camera, _steps_between(poses[own]))
-    depth = np.minimum(shared.depth[:, None], shared.depth)
-    drift = loops.drift_rate * sum(np.abs(way[at][:, None] - way[at]) for at in (own, place))
-    slack = loops.same_motion + drift / depth  # m per m of depth, and as an angle
-    away: FloatArray = np.linalg.norm(off[..., :3, 3], axis=-1)
-    return np.asarray((away <= slack * depth) & (rotation_angle(off[..., :3, :3]) <= slack))
-
-
-def _steps_between(poses: FloatArray) -> FloatArray:
-    """``inv(T_a) T_b`` for each pair, (S, S, 4, 4)."""
-    steps: FloatArray = inverse(poses)[:, None] @ poses[None]
-    return steps
-
-
-def _steps(poses: FloatArray, expected: FloatArray) -> FloatArray:
-    """What is left of the steps between poses once those expected are taken off, (S, S, 4, 4)."""
-    left: FloatArray = inverse(expected) @ _steps_between(poses)
-    return left
+    agrees = np.empty((len(shared), len(shared)), np.bool_)
+    for s, T in enumerate(shared.T_world_camera):  # row by row: poses of all pairs at once would be gigabytes
+        off = inverse(inverse(poses[own[s]]) @ poses[own]) @ (inverse(T) @ shared.T_world_camera)
+        depth = np.minimum(shared.depth[s], shared.depth)
+        drift = loops.drift_rate * sum(np.abs(way[at] - way[at[s]]) for at in (own, place))
+        slack = loops.same_motion + drift / depth  # m per m of depth, and as an angle
+        away: FloatArray = np.linalg.norm(off[:, :3, 3], axis=1)
+        agrees[s] = (away <= slack * depth) & (rotation_angle(off[:, :3, :3]) <= slack)
+    return agrees
