@@ -95,7 +95,7 @@ def write_shared(
     """
     with _opened(runs[0], states[0]) as first, _opened(runs[1], states[1]) as second:
         places = PlaceRecognition(first.map, first.tracking.pose, first.tracking.loops)
-        shared = verify(places, second.map, candidates)
+        shared = verify(places, second.map, candidates, first.tracking.pose.clear_share)
     write_arrays(target, _SHARED, vars(shared))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....types import BoolArray, FloatArray
 from ...se3 import inverse, rotation_angle
@@ -18,7 +19,8 @@ def agreeing(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
 
     Two places agree if the way from one to the other is the same in both parts, but for what P3P leaves open and what
     the paths may have drifted between them (pairwise consistent measurements; Mangelson et al. 2018). The set
-    grows from the place that agrees with most. One that agrees with none counts only if it is sure of itself.
+    grows from the place that agrees with most. One that agrees with none counts only if it is sure of itself. Where two
+    such sets contradict each other, places look alike, and neither is believed.
 
     Parameters
     ----------
@@ -35,15 +37,26 @@ def agreeing(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
         Which are believed; all False where nothing is.
     """
     agrees = _agree(map_, shared, loops)
-    order = np.lexsort((np.arange(len(shared)), -shared.counts, -agrees.sum(axis=1)))
+    believed = _largest(agrees, shared.counts, np.ones(len(shared), np.bool_))
+    other = _largest(agrees, shared.counts, ~agrees[believed].any(axis=0))
+    is_sure = _is_enough(believed, shared, loops) and not _is_enough(other, shared, loops)
+    return believed & is_sure
+
+
+def _largest(agrees: BoolArray, counts: NDArray[np.int64], among: BoolArray) -> BoolArray:
+    """The set of places, of some, that grows from the one that agrees with most."""
+    order = np.lexsort((np.arange(len(counts)), -counts, -agrees[:, among].sum(axis=1)))
     chosen: list[int] = []
-    for s in order.tolist():
+    for s in order[among[order]].tolist():
         if agrees[s, chosen].all():
             chosen.append(s)
-    believed = np.zeros(len(shared), np.bool_)
-    believed[chosen] = True
-    is_enough = len(chosen) >= _FEWEST or bool((shared.counts[chosen] >= loops.sure_landmarks).any())
-    return believed if is_enough else np.zeros(len(shared), np.bool_)
+    found = np.zeros(len(counts), np.bool_)
+    found[chosen] = True
+    return found
+
+
+def _is_enough(chosen: BoolArray, shared: SharedPlaces, loops: LoopSettings) -> bool:
+    return int(chosen.sum()) >= _FEWEST or bool((shared.counts[chosen] >= loops.sure_landmarks).any())
 
 
 def _agree(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:

@@ -127,7 +127,8 @@ def find_candidates(map_: Map, other: Map, loops: LoopSettings) -> NDArray[np.in
     """Find keyframes of another map that look like some of a map's, as either map has it.
 
     Any word in common makes a candidate, as nothing but its looks leads to another map; of `min_words`, it makes one
-    for the keyframes beside it too.
+    for the keyframes beside it too. The first and the last keyframes of the two are always tried: where a recording was
+    cut, one map begins where the other ends.
 
     Parameters
     ----------
@@ -155,6 +156,8 @@ def find_candidates(map_: Map, other: Map, loops: LoopSettings) -> NDArray[np.in
         for beside in (k - 1, k + 1):
             if count >= loops.min_words and beside in found and place not in found[beside]:
                 found[beside].append(place)
+    for k in (0, len(other.keyframes) - 1):
+        found[k] += [end for end in dict.fromkeys((0, len(map_.keyframes) - 1)) if end not in found[k]]
     pairs = [(k, place) for k, places in found.items() for place in places]
     return np.array(pairs, np.int64).reshape(-1, 2)
 
@@ -171,12 +174,12 @@ def _words_shared(map_: Map, other: Map, most: int) -> dict[tuple[int, int], flo
     return words
 
 
-def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64]) -> SharedPlaces:
+def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64], clear_share: float) -> SharedPlaces:
     """Prove candidates by geometry: landmarks of the map, and the keyframe beside it.
 
     A keyframe is believed to be at a place if P3P and the patches of the map's landmarks say so, and these are very
-    many (`LoopSettings.sure_landmarks`), or a keyframe before or after it is there too: by its own descriptors, where
-    the other map has it against the first.
+    many (`LoopSettings.sure_landmarks`) and as large a share of those in view as makes a pose clear, or a keyframe
+    before or after it is there too: by its own descriptors, where the other map has it against the first.
 
     Parameters
     ----------
@@ -186,16 +189,20 @@ def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64]) 
         Whose keyframes are looked up, with their images.
     candidates : (C, 2) int64
         As `find_candidates` gives them.
+    clear_share : float
+        That share (`TrackingSettings.clear_share`).
 
     Returns
     -------
     SharedPlaces
         Keyframes of the other map, ascending; each at most once.
     """
-    return SharedPlaces.joined([*_proved(places, other, candidates)])
+    return SharedPlaces.joined([*_proved(places, other, candidates, clear_share)])
 
 
-def _proved(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64]) -> Iterator[SharedPlaces]:
+def _proved(
+    places: PlaceRecognition, other: Map, candidates: NDArray[np.int64], clear_share: float
+) -> Iterator[SharedPlaces]:
     for k in np.unique(candidates[:, 0]).tolist():
         grey = other.images.get(other.keyframes[k].index)
         if grey is None:
@@ -203,15 +210,16 @@ def _proved(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64])
         image, frame = build_pyramid(grey), other.keyframes[k]
         for place in candidates[candidates[:, 0] == k, 1].tolist():
             found = places.find_at(place, image, frame.uv, _shown(other, frame))
-            if found is not None and _is_believed(places, other, k, place, found):
+            if found is None:
+                continue
+            is_sure = len(found) >= places.loops.sure_landmarks and found.share >= clear_share
+            if is_sure or _is_confirmed(places, other, k, place, found):
                 yield _as_shared(places.map_, frame, place, found)
                 break
 
 
-def _is_believed(places: PlaceRecognition, other: Map, k: int, place: int, found: PoseEstimate) -> bool:
-    """Whether a keyframe before or after is at the place too, where the other map has it, or landmarks are enough."""
-    if len(found) >= places.loops.sure_landmarks:
-        return True
+def _is_confirmed(places: PlaceRecognition, other: Map, k: int, place: int, found: PoseEstimate) -> bool:
+    """Whether a keyframe before or after is at the place too, where the other map has it."""
     frames, depth = other.keyframes, _depth(places.map_, found)
     T_map_other = found.T_world_camera @ inverse(frames[k].T_world_camera)
     for beside in (k - 1, k + 1):
