@@ -149,3 +149,15 @@ def test_without_dask_a_line_says_how_to_get_it(runs, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match="Dask is not installed"):
         join_runs([runs[0] / "start", runs[0] / "middle"], tmp_path / "map", workers=Workers(2))
+
+
+def test_a_place_that_cannot_be_the_run_folder_is_refused_before_anything_is_done(runs, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    given = [runs[0] / name for name in ("start", "middle")]
+    before = content(given[0])
+    for out, said in ((tmp_path / "file", "is a file"), (given[0] / "sub", "is in the run")):
+        with pytest.raises(InputError, match=said):
+            join_runs(given, out)
+        assert not out.with_name(f"{out.name}-steps").exists()
+    assert (tmp_path / "file").read_text() == "mine"
+    assert content(given[0]) == before

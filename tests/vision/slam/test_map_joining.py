@@ -105,6 +105,19 @@ def test_a_place_that_does_not_agree_with_the_others_is_not_believed(turn):
     assert agreeing(world, replace(shared, T_world_camera=wrong), LOOPS).tolist() == [True, True, False, True]
 
 
+def test_of_two_sets_of_places_that_contradict_each_other_neither_is_believed():
+    world, truth = apart()
+    settings = replace(LOOPS, sure_landmarks=10**4)
+    shared = shared_of(world, truth, range(HALF, HALF + 5))
+    elsewhere = shared.T_world_camera.copy()
+    elsewhere[3:, 0, 3] += 20.0
+    assert agreeing(world, shared, settings).all()
+    assert not agreeing(world, replace(shared, T_world_camera=elsewhere), settings).any()
+    lone = shared.chosen(np.arange(4))
+    found = agreeing(world, replace(lone, T_world_camera=elsewhere[:4]), settings)  # one alone is a chance match
+    assert found.tolist() == [True, True, True, False]
+
+
 @pytest.mark.parametrize(("ring", "seen_from"), [((58, 59), (58, 59)), ((50, 51), (6, 7))])
 def test_what_closes_a_ring_is_believed_only_where_it_agrees_with_what_joins_the_parts(ring, seen_from):
     world, truth = apart(parts=3)

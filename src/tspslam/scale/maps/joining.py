@@ -17,7 +17,7 @@ from ...errors import InputError, OutputError, TspSlamError
 from ...io import write_bytes
 from ...io.lock import LOCK_NAME, FolderLock
 from ...run._stages import OnStep
-from ...run.guard import check_folder
+from ...run.guard import check_folder, is_inside
 from ...run.pipeline import RunResult
 from ..cluster import Workers, connected, require_dask
 from ..dispatching import Dispatcher
@@ -114,7 +114,7 @@ def join_runs(
         require_dask()
     found, left_out = find_runs(runs)
     place = Path(os.path.abspath(out))
-    check_folder(place, [Path(path) for path in runs])
+    _check_place(place, [Path(path) for path in runs])
     with _held(place.with_name(f"{place.name}-steps")) as folder:
         join = _Join(Plan(tuple(found), str(folder)), left_out, on_note or (lambda _: None))
         join.require_runs()
@@ -126,6 +126,16 @@ def join_runs(
         result = write_run(join.plan, place, on_step)
         _clear(folder)
     return JoinResult(RunResult(Path(out), result.run, result.times), join.left_out)
+
+
+def _check_place(place: Path, runs: Sequence[Path]) -> None:
+    """Refuse, before anything is done, a place that cannot be a folder, or is in a run or holds one."""
+    check_folder(place, runs)
+    if place.exists() and not place.is_dir():
+        raise bad_input(place, "is a file", "a new folder, for the joined run")
+    inner = next((run for run in runs if is_inside(place, run)), None)
+    if inner is not None:
+        raise bad_input(place, f"is in the run {inner}", "a new folder beside the runs")
 
 
 @contextlib.contextmanager
