@@ -38,7 +38,7 @@ def agreeing(map_: Map, shared: SharedPlaces, loops: LoopSettings) -> BoolArray:
     """
     agrees = _agree(map_, shared, loops)
     believed = _largest(agrees, shared.counts, np.ones(len(shared), np.bool_))
-    contradicts: BoolArray = ~agrees[believed].any(axis=0)
+    contradicts = agrees[believed].sum(axis=0) == 0
     other = _largest(agrees, shared.counts, contradicts)
     is_sure = _is_enough(believed, shared, loops) and not _is_enough(other, shared, loops)
     return believed & is_sure
