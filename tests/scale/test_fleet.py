@@ -8,7 +8,8 @@ import pytest
 from tspslam import cli
 from tspslam.cli import _fleet
 from tspslam.cli._fleet import Fleet, FleetTeller, line_of_row
-from tspslam.cli.scale import _bytes, _code_of
+from tspslam.cli._workers import _bytes
+from tspslam.cli.scale import _code_of
 from tspslam.scale.batch import Event
 from tspslam.scale.summary import Row
 

@@ -120,7 +120,7 @@ def smooth_plane(image: NDArray[Any]) -> Plane:
 
     Examples
     --------
-    >>> float(smooth_plane(np.full((5, 5), 51, np.uint8))[2, 2])
+    >>> round(float(smooth_plane(np.full((5, 5), 51, np.uint8))[2, 2]), 3)
     51.0
     """
     return _smoothed(image, lambda: luminance_levels(image))
