@@ -104,11 +104,16 @@ def told(steps: Sequence[Step]) -> str:
     )
 
 
-def main(arguments: list[str]) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def parsed(arguments: list[str], description: str | None) -> argparse.Namespace:
+    """Recordings that are started at some of their frames, as they are typed."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--data", action="append", default=[], help="a recording with true poses")
     parser.add_argument("--every", type=int, default=10, help="frames from one start to the next")
-    given = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str]) -> None:
+    given = parsed(arguments, __doc__)
     for folder in given.data:
         open_with_truth(folder)
     for step in STEPS:

@@ -12,7 +12,6 @@ covariances for each of six degrees of freedom: 1 is honest.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from tspslam.datasets import synthetic
 from tspslam.types import FloatArray
 from tspslam.vision.se3 import inverse
 
-from .first_steps import NOISE, open_with_truth
+from .first_steps import NOISE, open_with_truth, parsed
 
 LENGTH = 10  # frames
 AHEAD, SPEEDS = (3.2, 3.0, 2.8, 2.6), (0.9, 1.0, 1.1, 1.3, 1.5)  # m, m a frame; the camera has 1 m a frame
@@ -117,10 +116,7 @@ def told(drives: Sequence[Drive]) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", action="append", default=[], help="a recording with true poses")
-    parser.add_argument("--every", type=int, default=10, help="frames from one start to the next")
-    given = parser.parse_args(arguments)
+    given = parsed(arguments, __doc__)
     for folder in given.data:
         squares = begun_anywhere(folder, given.every)
         print(f"{folder}: mean {np.mean(squares):.2f} of {len(squares)}, largest {max(squares):.2f}", flush=True)

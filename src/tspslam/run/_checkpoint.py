@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._atomic import atomic_write
+from .._files import PathLike, read_bytes
 from .._npz import Arrays, Schema, read_npz
 from .._text import parse_json
 from ..errors import InputError
@@ -90,6 +91,29 @@ def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:
     if not keyframes.issuperset(state["keyframe_index"].tolist()):
         raise InputError("a keyframe of its map is none in its rows")
     return rows, state
+
+
+def read_checkpoint(path: PathLike, made_by: bytes) -> tuple[list[Row], Arrays]:
+    """Read the rows and the state of a checkpoint.
+
+    Parameters
+    ----------
+    path : str or path
+        Its file.
+    made_by : bytes
+        As for `unpack`.
+
+    Returns
+    -------
+    rows : list of FrameRecord or SkippedPair
+    state : dict of str to array, such as ``xyz`` (M, 3) float64
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is damaged, or of another version.
+    """
+    return unpack(read_bytes(path, "a checkpoint"), made_by)
 
 
 def parse_row(data: bytes) -> FrameRecord:

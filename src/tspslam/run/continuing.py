@@ -13,7 +13,7 @@ import numpy as np
 
 from .._atomic import atomic_write, bad_output
 from .._checks import require_path
-from .._files import PathLike, bad_input, one_line, read_bytes
+from .._files import PathLike, bad_input, one_line
 from .._npz import Arrays
 from ..datasets.joined import Excerpt, JoinedSequence, Source, StoredRecording, check_same_rig
 from ..errors import InputError
@@ -24,7 +24,7 @@ from ..io.lock import FolderLock
 from ..session import Session
 from ..types import Image, Rig
 from ..vision.slam.odometry import StereoOdometry
-from ._checkpoint import unpack
+from ._checkpoint import read_checkpoint
 from ._stages import OnStep
 from .config import Resolved, resolve
 from .pipeline import Progress, RunResult, run, settings_of
@@ -215,7 +215,7 @@ def _checkpoint(folder: RunFolder) -> tuple[list[Row], Arrays]:
         raise bad_input(folder.path, f"has no {STATE_NAME}", "a run whose path is from its pairs")
     folder.check_unchanged(path)
     try:
-        return unpack(read_bytes(path, "a checkpoint"), MADE_BY)
+        return read_checkpoint(path, MADE_BY)
     except InputError as error:
         raise bad_input(path, f"cannot be gone on with ({error})", "the checkpoint of a run of this version") from error
 

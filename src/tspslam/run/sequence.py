@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from .. import __version__
-from .._files import one_line, read_bytes
+from .._files import one_line
 from .._npz import Arrays
 from .._stopwatch import Stopwatch
 from .._threads import Worker
@@ -27,7 +27,7 @@ from ..session import Session
 from ..types import Image, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
-from ._checkpoint import unpack, write_checkpoint
+from ._checkpoint import read_checkpoint, write_checkpoint
 from ._stored_rows import changed, find_row, text_of
 from .record import FrameRecord, Row, SkippedPair, hash_of, pair_hash, record_complex, record_frame
 
@@ -350,7 +350,7 @@ class SequenceRun:
         """
         path = self.folder.path / STATE_NAME
         if STATE_NAME in self.folder.units:
-            rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
+            rows, state = read_checkpoint(path, MADE_BY)
             if rows != self.rows:
                 write_checkpoint(path, MADE_BY, self.rows, state)
                 self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
@@ -372,7 +372,7 @@ class SequenceRun:
 
     def _take_over(self, path: Path) -> None:
         """Go on from a checkpoint of this version whose images and files are as they were."""
-        rows, state = unpack(read_bytes(path, "a checkpoint"), MADE_BY)
+        rows, state = read_checkpoint(path, MADE_BY)
         if len(rows) > len(self.wanted):
             raise InputError(f"it has {len(rows)} frames, expected {len(self.wanted)} at most")
         is_whole = len(rows) == len(self.wanted)

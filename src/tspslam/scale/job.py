@@ -28,7 +28,7 @@ _TELL = 0.3  # s between two messages on how far a run is
 _one = threading.Lock()  # a process runs one recording at a time: its budget of threads is one
 
 
-class WithdrawnError(Exception):
+class _WithdrawnError(Exception):
     """The batch has ended; whoever begins it again goes on from the last checkpoint."""
 
 
@@ -145,7 +145,7 @@ def attempt(job: AnyJob, work: Callable[[AnyJob], object], *, is_resumed: bool =
             if attempts > MOST_ATTEMPTS:
                 return Outcome("poisoned", _say_poisoned(job), attempts - 1, is_resumed)
             work(job)
-        except WithdrawnError:
+        except _WithdrawnError:
             return Outcome("withdrawn", "the batch was stopped", is_resumed=is_resumed)
         except InputError as error:
             return Outcome("refused", str(error), is_resumed=is_resumed)
@@ -161,7 +161,7 @@ def attempt(job: AnyJob, work: Callable[[AnyJob], object], *, is_resumed: bool =
 def _run(job: Job) -> None:
     set_threads(job.threads)
     _wait_for_folder(Path(job.out))
-    run_path(job.source, job.out, job.settings, on_step=Teller(job))
+    run_path(job.source, job.out, job.settings, on_step=_Teller(job))
 
 
 def _say_poisoned(job: Attempted) -> str:
@@ -186,14 +186,14 @@ def _count_attempt(job: Attempted) -> int:
             os.fsync(handle.fileno())
             return handle.tell()
     except FileNotFoundError as error:
-        raise WithdrawnError from error
+        raise _WithdrawnError from error
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({reason_of(error)}); expected a place with space") from error
 
 
 def _refuse_ended(job: Attempted) -> None:
     if not os.path.isdir(job.ticket):
-        raise WithdrawnError
+        raise _WithdrawnError
 
 
 def _wait_for_folder(out: Path) -> None:
@@ -209,7 +209,7 @@ def _wait_for_folder(out: Path) -> None:
             time.sleep(_TELL)
 
 
-class Teller:
+class _Teller:
     """Tells the batch how far a run is, now and then, and ends the run when the batch has ended.
 
     Parameters

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..._atomic import write_bytes
-from ...run._checkpoint import write_checkpoint
+from ...run._checkpoint import read_checkpoint, write_checkpoint
 from ...run.continuing import restore_odometry
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY
@@ -23,7 +23,7 @@ from ...vision.slam.places.shared_places import SharedPlaces
 from ...vision.slam.pose import PoseEstimate
 from ...vision.slam.tracking import refine_pose
 from .joined_runs import JoinedRuns
-from .states import concatenate_states, image_reader, read_checkpoint
+from .states import concatenate_states, image_reader
 
 
 def assemble(
@@ -48,7 +48,7 @@ def assemble(
     said : Path
         A line each for the pairs of runs whose places were not believed.
     """
-    read = [read_checkpoint(path) for path in states]
+    read = [read_checkpoint(path, MADE_BY) for path in states]
     readers = [image_reader(run, rows) for run, (rows, _) in zip(joined.runs, read, strict=True)]
 
     def image_of(number: int) -> Image:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from ..._npz import Arrays
 from ...io._form import Form, read_arrays, write_arrays
+from ...run._checkpoint import read_checkpoint
 from ...run.continuing import restore_odometry
+from ...run.sequence import MADE_BY
 from ...vision.slam.odometry import StereoOdometry
 from ...vision.slam.places.loop_closing import PlaceRecognition
 from ...vision.slam.places.shared_places import SharedPlaces, find_candidates, verify
 from .runs import FinishedRun
-from .states import image_reader, read_checkpoint
+from .states import image_reader
 
 _ANEW = "the same command makes it anew"
 _CANDIDATES = Form("candidates of a join", 1, {"candidates": ("<i8", ("c", 2))}, _ANEW, lambda arrays, lengths: None)
@@ -37,7 +39,7 @@ _SHARED = Form(
 
 @contextmanager
 def _opened(run: FinishedRun, state: Path) -> Iterator[StereoOdometry]:
-    rows, arrays = read_checkpoint(state)
+    rows, arrays = read_checkpoint(state, MADE_BY)
     odometry = restore_odometry(run.rig, run.settings, arrays, image_reader(run, rows))
     try:
         yield odometry

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._files import bad_input, read_bytes
+from ..._files import bad_input
 from ..._npz import Arrays
 from ...io import RunFolder
 from ...io.frames import read_frame_image
-from ...run._checkpoint import unpack, write_checkpoint
+from ...run._checkpoint import read_checkpoint, write_checkpoint
 from ...run.continuing import number_rows, restore_odometry
 from ...run.record import FrameRecord, Row
 from ...run.sequence import MADE_BY, STATE_NAME
@@ -25,27 +25,6 @@ _PAIRS = "closures", "loops"  # of two such each
 _PLAIN = (
     "anchored", "looped", "keyframe_pose", "keyframe_observations", "uv", "disparity", "sigma", "xyz", "descriptors",
 )  # fmt: skip
-
-
-def read_checkpoint(path: Path) -> tuple[list[Row], Arrays]:
-    """Read rows and state.
-
-    Parameters
-    ----------
-    path : Path
-        A checkpoint.
-
-    Returns
-    -------
-    rows : list of FrameRecord or SkippedPair
-    state : dict of str to array, such as ``xyz`` (M, 3) float64
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or of another version.
-    """
-    return unpack(read_bytes(path, "a checkpoint"), MADE_BY)
 
 
 def finish_state(run: FinishedRun, target: Path) -> None:
@@ -64,10 +43,11 @@ def finish_state(run: FinishedRun, target: Path) -> None:
         If the run's checkpoint was changed, or cannot be what a run has left.
     """
     path = Path(run.path) / STATE_NAME
-    if RunFolder.open(run.path).units[STATE_NAME].sha256 != run.state:
+    folder = RunFolder.open(run.path)
+    if folder.units[STATE_NAME].sha256 != run.state:
         raise bad_input(path, "was changed since the join began", "a run that is finished")
-    RunFolder.open(run.path).check_unchanged(path)
-    rows, state = read_checkpoint(path)
+    folder.check_unchanged(path)
+    rows, state = read_checkpoint(path, MADE_BY)
     rows = number_rows(rows, run.frames)
     odometry = restore_odometry(run.rig, run.settings, state, image_reader(run, rows))
     try:

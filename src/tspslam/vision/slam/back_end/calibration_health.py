@@ -19,7 +19,7 @@ from ..keyframes.map import Map
 from ..least_squares.bundle import Observations
 from ..least_squares.offsets import Estimate, PieceEquations, Solution
 from .disparity_bias import CalibrationHealth, DisparityBias
-from .offset_steps import find_step
+from .offset_steps import LEAST_DEPTH, find_step
 
 _Make = Callable[[FloatArray, FloatArray, Observations], PieceEquations]  # of poses, points and what is seen
 
@@ -27,7 +27,6 @@ _LAP = 3  # keyframes that two pieces share: a step between them then has two on
 _PIECE = 60  # keyframes whose poses are free together: 30 MB of equations, and a second
 _LEAST_POINTS = 30  # landmarks that a piece of the path needs: twice what a pose needs
 _VAGUE = 10.0  # px; an offset that is known no better is not known
-_LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
 _ONE = np.eye(5)[:, :1]  # one offset of all, of (offset, far less near, right less left, their product, focal length)
 _GROUPS, _TURNING = np.eye(5)[:, :4], np.eye(5)[:, [0, 4]]
 _SHARED = 0.01  # px, that all matches err alike as they are interpolated: 0.010 in renderings
@@ -207,7 +206,7 @@ def _columns(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, seen: Observ
         np.einsum("oij,oj->oi", T_camera_world[seen.pose, :3, :3], xyz[seen.point]) + T_camera_world[seen.pose, :3, 3]
     )
     columns, known = np.zeros((len(points), 3, 4)), np.flatnonzero(np.isfinite(seen.disparity))
-    depth = np.maximum(points[:, 2], _LEAST_DEPTH)
+    depth = np.maximum(points[:, 2], LEAST_DEPTH)
     expected = rig.fx * rig.baseline / depth - rig.doffs  # as measured ones would choose their group by their errors
     far, right = (np.where(is_so, 0.5, -0.5) for is_so in (expected < middle, seen.uv[:, 0] >= rig.width / 2))
     columns[known, 2, :3] = np.column_stack([far, right, far * right])[known]

@@ -11,15 +11,14 @@ import numpy as np
 from ....types import FloatArray
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
-from ..least_squares.offsets import Estimate, PieceEquations
+from ..least_squares.offsets import WEAK, Estimate, PieceEquations
 
-_WEAK = 0.01  # information added, 1/px²: 0 ± 10 px, for what nothing tells
 _ENDS = 2  # keyframes on either side of a step at least: a single one may be wrong by itself
 _FEWEST = 4  # changes between keyframes at least: their median is then none of a step's
 _FINEST = 1e-3  # px; no change is known to less
 _COMMON = 10  # landmarks that tell a median change at least
 _NORMAL = 0.6745  # median of absolute values over the standard deviation, of normal values
-_LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
+LEAST_DEPTH = 1e-3  # m; what is nearer is not seen
 _TAIL = 0.00135  # probability beyond three standard deviations, on one side
 
 
@@ -118,7 +117,7 @@ def find_step(pieces: Mapping[int, PieceEquations], map_: Map) -> OffsetStep | N
 def _series(piece: PieceEquations) -> _Series:
     """The offset of each keyframe of a piece; the covariance as observations have it, as large as votes scatter."""
     count, more = piece.offsets, len(piece.right) - piece.offsets
-    C = np.asarray(np.linalg.inv(piece.normal[:count, :count] + _WEAK * np.eye(count)), np.float64)
+    C = np.asarray(np.linalg.inv(piece.normal[:count, :count] + WEAK * np.eye(count)), np.float64)
     offset: FloatArray = C @ piece.right[:count]
     votes = piece.votes(np.vstack([C, np.zeros((more, count))]), np.concatenate([offset, np.zeros(more)]))
     said = float(_Series(offset, C).variance_of_changes.mean())
@@ -151,7 +150,7 @@ def _median_change(map_: Map, before: Keyframe, after: Keyframe) -> float | None
     for frame, place in zip((before, after), places, strict=True):
         depth = (map_.xyz[rows] - frame.T_world_camera[:3, 3]) @ frame.T_world_camera[:3, 2]
         measured.append(frame.disparity[place])
-        expected.append(map_.rig.fx * map_.rig.baseline / np.maximum(depth, _LEAST_DEPTH))
+        expected.append(map_.rig.fx * map_.rig.baseline / np.maximum(depth, LEAST_DEPTH))
     change = np.subtract(*measured[::-1]) - np.subtract(*expected[::-1])
     known = np.isfinite(change)
     if known.sum() < 2 * _COMMON:

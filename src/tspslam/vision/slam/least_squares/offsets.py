@@ -14,7 +14,7 @@ from ...se3 import inverse
 from .bundle import Observations, lens_of
 
 _HUBER = 2.5  # standard deviations beyond which an observation counts less, as in `adjust`
-_WEAK = 0.01  # information added, 1/px²: 0 ± 10 px, for what nothing tells
+WEAK = 0.01  # information added, 1/px²: 0 ± 10 px, for what nothing tells
 _FEWEST = 3  # keyframes whose scatter says something: the votes of one, after a step, are 0, and those of two opposed
 
 
@@ -217,7 +217,7 @@ class Solution:
         self._bases = [np.vstack([np.tile(basis[0], (piece.offsets, 1)), basis[1:]]) for piece in pieces]
         both = list(zip(pieces, self._bases, strict=True))
         normal = np.sum([own.T @ piece.normal @ own for piece, own in both], axis=0)
-        self._covariance = np.linalg.inv(normal + _WEAK * np.eye(basis.shape[1]))
+        self._covariance = np.linalg.inv(normal + WEAK * np.eye(basis.shape[1]))
         self._step = self._covariance @ np.sum([own.T @ piece.right for piece, own in both], axis=0)
 
     def combine(self, weights: Sequence[float], spread: float = 1.0) -> tuple[Estimate, float]:
@@ -263,7 +263,7 @@ class Solution:
 
     def _estimates(self, each: FloatArray, along: FloatArray, variance: FloatArray) -> list[Estimate]:
         """Combinations `each` (P, D), with the variance that the weak information has added to it."""
-        total = variance + _WEAK * (along**2).sum(axis=0)
+        total = variance + WEAK * (along**2).sum(axis=0)
         return [Estimate(float(a), float(b) ** 0.5) for a, b in zip(self._step @ each, total, strict=True)]
 
     def _scatter(self, along: FloatArray, step: FloatArray | None) -> tuple[FloatArray, FloatArray]:
