@@ -26,6 +26,8 @@ from tspslam.run.config import resolve
 from tspslam.run.pipeline import OnePair
 from tspslam.run.pipeline import run as run_pipeline
 
+from .patience import PATIENCE
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.rst"))
@@ -227,7 +229,7 @@ def test_pages_build_without_a_warning_and_load_nothing_from_elsewhere(tmp_path)
     html, ran = tmp_path / "html", "from_pair_to_response"
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-q", "-W", "-D", f"run_code_of={ran}", "-d", tmp_path / "doctrees", DOCS, html],
-        capture_output=True, encoding="utf-8", timeout=900,
+        capture_output=True, encoding="utf-8", timeout=PATIENCE,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     pages = [path.read_text(encoding="utf-8") for path in html.glob("*.html")]

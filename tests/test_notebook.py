@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from .patience import PATIENCE
+
 NOTEBOOK = Path(__file__).parents[1] / "docs" / "from_pair_to_map.ipynb"
 nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pip install '.[docs]'")
 
@@ -24,7 +26,7 @@ def test_the_notebook_is_kept_without_its_results(notebook):
 def test_the_notebook_runs_from_top_to_bottom(notebook, tmp_path):
     nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install '.[docs]'")
     pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install '.[docs]'")
-    nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbclient.NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert [output.output_type for output in shown if output.output_type == "error"] == []
     assert [output.text for output in shown if output.get("name") == "stderr"] == []

@@ -12,6 +12,7 @@ import pytest
 import tspslam
 from tspslam import InputError, Session, Settings, _threads
 
+from .patience import PATIENCE
 from .sequences import DETECTOR, RIG, corridor
 
 
@@ -87,7 +88,9 @@ def test_a_forked_process_starts_threads_of_its_own():
         "if not child: os._exit(t.both(abs, (-3, -4)) != (3, 4))\n"
         "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
     )
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, timeout=PATIENCE
+    )
     assert done.stdout == "0\n", done.stderr
 
 

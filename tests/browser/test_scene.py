@@ -41,8 +41,8 @@ def shown(open_page, tmp_path):
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.html"
         path.write_text(page_of("Scene", ["<h1>Scene</h1>", *sections]), encoding="utf-8")
         page, heard = open_page(path, width=width, height=height, **options)
-        page.set_default_timeout(10_000)
-        page.wait_for_selector("canvas[data-drawn]", timeout=20_000)
+        page.set_default_timeout(60_000)  # ms
+        page.wait_for_selector("canvas[data-drawn]", timeout=60_000)
         return page, heard
 
     return opened
@@ -145,7 +145,7 @@ def test_the_path_is_played_to_its_end_and_stops(shown):
     page, _ = shown(map_to_turn(wall(), stations=stations()))
     page.click(".play")
     assert page.locator(".play").inner_text() == "Pause"
-    page.wait_for_function("() => document.querySelector('.play').textContent === 'Play'", timeout=20_000)
+    page.wait_for_function("() => document.querySelector('.play').textContent === 'Play'", timeout=60_000)
     assert page.locator(".time output").inner_text() == "frame 50, keyframe"
 
 

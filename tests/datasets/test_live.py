@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests import videos
+from tests.patience import PATIENCE
 from tspslam.datasets import LiveSequence, StereoFolder, live
 from tspslam.errors import InputError, OutputError
 from tspslam.types import Rig
@@ -29,7 +30,7 @@ class Film:
 
     def grab(self):
         if self.pace is not None:
-            assert self.pace.acquire(timeout=60)
+            assert self.pace.acquire(timeout=PATIENCE)
         time.sleep(self.interval)
         return self.capture.grab() or self.is_endless
 

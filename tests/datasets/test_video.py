@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests import videos
+from tests.patience import PATIENCE
 from tspslam.datasets import VideoImages, VideoSequence, open_sequence
 from tspslam.datasets._video import VideoFile
 from tspslam.errors import InputError
@@ -344,7 +345,7 @@ def test_what_ffmpeg_meets_in_a_file_is_not_written_on_stderr(tmp_path):
         "    except InputError as error:\n        print(error)\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, path, tmp_path / "b.mp4"], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", code, path, tmp_path / "b.mp4"], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.stderr == ""
     assert done.stdout.count("\n") <= 2

@@ -11,6 +11,8 @@ from scipy import sparse
 from tspslam import InputError, build_complex, merge_cells, merge_signals, sample_signals, unsigned_laplacian
 from tspslam.interop.tensors import to_pyg, to_torch
 
+from ..patience import PATIENCE
+
 WHY = "`tspslam.interop.tensors` needs it"
 COMPLEX = build_complex([[0, 1, 2], [0, 2, 3], [2, 3, 4]], 7, edges=[[4, 5]])
 UV = np.array([[1, 1], [20, 2], [18, 17], [3, 22], [9, 28], [27, 28], [np.nan, np.nan]])
@@ -163,4 +165,4 @@ def test_without_pytorch_one_line_says_what_to_install(monkeypatch):
 
 def test_pytorch_is_imported_only_when_asked():
     code = "import sys, tspslam.interop.tensors; sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=PATIENCE).returncode == 0

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.patience import PATIENCE
 from tspslam.datasets import StereoFolder
 from tspslam.errors import InputError
 from tspslam.io.images import image_size, read_image, read_numbers
@@ -112,7 +113,9 @@ def test_what_opencv_writes_is_read(tmp_path: Path, kind: str) -> None:
         f"print([cv2.imwrite(name, image, kind) for name, image in zip(({str(grey)!r}, {str(colour)!r}), made)])"
     )
     environment = os.environ | {"OPENCV_IO_ENABLE_OPENEXR": "1"}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=PATIENCE
+    )
     if done.stdout.strip() != "[True, True]":
         pytest.skip("this OpenCV does not write OpenEXR")
     rng = np.random.default_rng(3)

@@ -30,6 +30,7 @@ from tspslam.run.pipeline import OnePair, run
 from tspslam.topological_map import Levels
 from tspslam.view._layers import BARE, colours_of, layers_of_frame, layers_of_map
 
+from ..patience import PATIENCE
 from ..sequences import SETTINGS, SMALL_RIG, corridor
 
 NEEDS = {"las": "laspy", "laz": "lazrs"}
@@ -219,7 +220,7 @@ def test_paraview_opens_the_state(folder, tmp_path):
     words = ["pvbatch", str(out / "state.py"), str(tmp_path / "seen.png")]
     words = words if os.environ.get("DISPLAY") else ["xvfb-run", "-a", *words]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    subprocess.run(words, check=True, capture_output=True, timeout=120, env=environment, cwd="/")
+    subprocess.run(words, check=True, capture_output=True, timeout=PATIENCE, env=environment, cwd="/")
     with Image.open(tmp_path / "seen.png") as picture:
         seen = np.asarray(picture.convert("RGB"), float)
     assert seen.std() > 10  # something is drawn

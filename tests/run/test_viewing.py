@@ -26,12 +26,12 @@ from tspslam.run.pipeline import run
 from tspslam.run.viewing import Shots, _packed, serve, viewing
 from tspslam.run.watch import RunWatch
 
+from ..patience import PATIENCE
 from ..sequences import SETTINGS, corridor
 from ..serving import served
 
 needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reason="no viser")
 needs_signals = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-LONG = 60  # s that a process gets before a test gives up
 
 
 @pytest.fixture(scope="module")
@@ -309,7 +309,7 @@ def test_a_run_ends_the_same_when_its_viewer_hangs_or_dies(kill, sequence, finis
 
 def page_of(lines):
     host, _, port = lines[-1].split("//")[1].split("/")[0].strip().partition(":")
-    connection = http.client.HTTPConnection("127.0.0.1" if host != "127.0.0.1" else host, int(port), timeout=LONG)
+    connection = http.client.HTTPConnection("127.0.0.1" if host != "127.0.0.1" else host, int(port), timeout=PATIENCE)
     connection.request("GET", "/")
     answer = connection.getresponse()
     found = answer.status, answer.read()
@@ -324,7 +324,7 @@ def test_an_interrupt_ends_the_viewer_cleanly(finished, ending):
     with served(finished, "--port", 0) as (process, lines):
         assert page_of(lines)[0] == 200
         os.killpg(process.pid, getattr(signal, ending))
-        out, err = process.communicate(timeout=LONG)
+        out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (0, "", "")
     assert len(lines) == 1
     with pytest.raises(ProcessLookupError):
@@ -340,7 +340,7 @@ def test_the_next_free_port_serves_where_one_is_busy(finished):
         busy = taken.getsockname()[1]
         with served(finished, "--port", busy) as (process, lines):
             process.terminate()
-            process.communicate(timeout=LONG)
+            process.communicate(timeout=PATIENCE)
     port = int(lines[-1].rsplit(":", 1)[1])
     assert lines[0] == f"port {busy} is in use: {port} serves\n"
     assert port > busy
@@ -354,7 +354,7 @@ def test_other_machines_need_the_token(finished):
         assert "/?token=" in lines[-1]
         status, body = page_of(lines)
         os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=LONG)
+        process.communicate(timeout=PATIENCE)
     assert status == 403
     assert b"<html" not in body
     assert process.returncode == 0
@@ -381,7 +381,7 @@ def test_an_interrupt_ends_a_run_and_its_viewer(tmp_path):
         viewer = int(process.stdout.readline())
         assert process.stderr.readline().startswith("viewer: http://127.0.0.1:")
         os.killpg(process.pid, signal.SIGINT)
-        out, err = process.communicate(timeout=LONG)
+        out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (0, "", "")
     with pytest.raises(ProcessLookupError):
         os.kill(viewer, 0)
@@ -398,7 +398,7 @@ def test_a_viewer_ends_with_the_process_of_its_run(tmp_path):
         process.stdout.readline()
         assert process.stderr.readline().startswith("viewer: ")
         process.stdin.close()
-        assert process.wait(LONG) == 9
+        assert process.wait(PATIENCE) == 9
         assert process.stderr.read() == ""  # its other end is closed: the viewer has ended too
 
 
@@ -431,7 +431,7 @@ def test_only_on_a_terminal_a_finished_run_stays_until_an_interrupt(has_terminal
             process.wait(1)
         os.killpg(process.pid, signal.SIGINT)
         assert process.stdout.read() == "end\n"
-        assert process.wait(LONG) == 0
+        assert process.wait(PATIENCE) == 0
         os.close(ours)
 
 

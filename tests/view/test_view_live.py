@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from view_maps import ODD_MAPS, room, wall
 
+from tests.patience import PATIENCE
 from tspslam.errors import InputError, OutputError
 from tspslam.view._layers import Layer, layers_of_map
 from tspslam.view.live import _drawn
@@ -300,7 +301,7 @@ def gate(request):
 
 
 def asked(gate, path="/", **headers):
-    connection = http.client.HTTPConnection("127.0.0.1", gate.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", gate.port, timeout=PATIENCE)
     connection.request("GET", path, headers=headers)
     answer = connection.getresponse()
     found = answer.status, answer.read(), answer.getheader("Set-Cookie")
@@ -353,7 +354,7 @@ def test_this_machine_has_several_names(host, is_own):
 @pytest.mark.parametrize("gate", [True, False], indirect=True)
 def test_what_is_no_request_is_refused_without_a_word(gate, capfd):
     for data in (b"\x00\xff\r\n\r\n", b"GET\r\n\r\n", b"A" * 70_000, b"GET //[ HTTP/1.1\r\nHost: x\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", gate.port), timeout=10) as guest:
+        with socket.create_connection(("127.0.0.1", gate.port), timeout=PATIENCE) as guest:
             guest.sendall(data)
             assert guest.recv(12) == b"HTTP/1.1 403"
     assert capfd.readouterr() == ("", "")

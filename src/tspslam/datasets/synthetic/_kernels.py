@@ -147,29 +147,35 @@ def _bilinear(texels: Float32, begin: int, size: int, s: float, t: float) -> flo
     left, top = int(np.floor(s)), int(np.floor(t))
     fs, ft = s - left, t - top
     mask = size - 1
-    x0, x1, y0, y1 = left & mask, (left + 1) & mask, (top & mask) * size, ((top + 1) & mask) * size
-    above = texels[begin + y0 + x0] * (1 - fs) + texels[begin + y0 + x1] * fs
-    below = texels[begin + y1 + x0] * (1 - fs) + texels[begin + y1 + x1] * fs
+    x0, x1 = left & mask, (left + 1) & mask
+    y0, y1 = begin + (top & mask) * size, begin + ((top + 1) & mask) * size
+    above = texels[np.uint64(y0 + x0)] * (1 - fs) + texels[np.uint64(y0 + x1)] * fs
+    below = texels[np.uint64(y1 + x0)] * (1 - fs) + texels[np.uint64(y1 + x1)] * fs
     return above * (1 - ft) + below * ft
 
 
 @inlined
-def _trilinear(texels: Float32, levels: Int64, s: float, t: float, level: float) -> float:
-    """Value of a tile at texel coordinates of its finest level, between the two levels that fit a footprint.
-
-    `levels` are how many the tile has, and where each begins.
-    """
-    deepest = levels[0] - 1
-    level = min(max(level, 0.0), float(deepest))
+def _between(footprint: float, deepest: int) -> tuple[int, float]:
+    """Finer of the two levels of a tile that fit a footprint in texels, and the share of the coarser."""
+    level = min(max(np.log2(max(footprint, 1e-12)), 0.0), float(deepest))
     low = min(int(level), max(deepest - 1, 0))
-    share = level - low
+    return low, level - low
+
+
+@inlined
+def _trilinear(texels: Float32, levels: Int64, tile: int, s: float, t: float, low: int, share: float) -> float:
+    """Value of a tile at texel coordinates of its finest level, between two levels, see `_between`.
+
+    `levels` are how many each tile has, and where each begins.
+    """
+    deepest = levels[tile, 0] - 1
     value = 0.0
     for k in range(2):
         weight = 1 - share if k == 0 else share
         if weight > 0:
             shrink = 1.0 / (1 << (low + k))
             s_there, t_there = (s + 0.5) * shrink - 0.5, (t + 0.5) * shrink - 0.5
-            value += weight * _bilinear(texels, levels[1 + low + k], 1 << (deepest - low - k), s_there, t_there)
+            value += weight * _bilinear(texels, levels[tile, 1 + low + k], 1 << (deepest - low - k), s_there, t_there)
     return value
 
 
@@ -223,16 +229,18 @@ def shade(
                 long_s, long_t, long, short = sv, tv, down, across
             taps = min(max(int(np.ceil(long / max(short, 1e-12))), 1), _TAPS)
             tile, look = paint_of[triangle, 0], looks[paint_of[triangle, 1]]
-            footprint = max(short, long / taps)
-            fine, coarse = np.log2(max(footprint * look[0], 1e-12)), np.log2(max(footprint * look[5], 1e-12))
+            footprint, deepest = max(short, long / taps), levels[tile, 0] - 1
+            is_layered = look[5] > 0
+            fine, fine_share = _between(footprint * look[0], deepest)
+            coarse, coarse_share = _between(footprint * look[5], deepest) if is_layered else (0, 0.0)
             total = 0.0
             for tap in range(taps):
                 off = (tap + 0.5) / taps - 0.5
                 s_tap, t_tap = s + off * long_s, t + off * long_t
-                total += _trilinear(texels, levels[tile], s_tap * look[0] + look[1], t_tap * look[0] + look[2], fine)
-                if look[5] > 0:
-                    total += _trilinear(
-                        texels, levels[tile], s_tap * look[5] + look[6], t_tap * look[5] + look[7], coarse
-                    )
-            mean = total / (taps * (2 if look[5] > 0 else 1))
+                s_fine, t_fine = s_tap * look[0] + look[1], t_tap * look[0] + look[2]
+                total += _trilinear(texels, levels, tile, s_fine, t_fine, fine, fine_share)
+                if is_layered:
+                    s_coarse, t_coarse = s_tap * look[5] + look[6], t_tap * look[5] + look[7]
+                    total += _trilinear(texels, levels, tile, s_coarse, t_coarse, coarse, coarse_share)
+            mean = total / (taps * (2 if is_layered else 1))
             values[m, k] = min(max(look[3] + look[4] * (mean - 0.5), 0.0), 1.0)
