@@ -195,17 +195,18 @@ def _slope(v: Float64, coordinates: Float64, gradient: Float64) -> None:
 
 @kernel
 def shade(
-    rays: Float64, owner: Int32, lens: Float64, corners: Float64, coordinates: Float64, paint_of: Int32,
-    looks: Float64, texels: Float32, levels: Int64, values: Float64,
+    pixels: Int64, offsets: Float64, width: int, owner: Int32, lens: Float64, corners: Float64, coordinates: Float64,
+    paint_of: Int32, looks: Float64, texels: Float32, levels: Int64, values: Float64,
 ) -> None:  # fmt: skip
     """Luminance that each ray of `cast` meets, into `values`, where a triangle is met.
 
-    `rays` are (M, K, 2) pixels. A coordinate of the texture is ``s = (S · r) / (n · r)``, with ``S = Σ s_k e_k`` and
+    A ray goes through ``(u, v) + offsets[k]`` of a pixel, number ``width v + u``. A coordinate of the texture is ``s = (S · r) / (n · r)``, with ``S = Σ s_k e_k`` and
     ``n = Σ e_k``, whose derivatives by the pixel give its footprint. `paint_of` (F, 2) is a triangle's tile and its
     look: (texels per metre, offsets, brightness, contrast, texels per metre and offsets of a second, coarser layer).
     """
     gradient, before = np.empty((3, 3)), -1
     for m in range(owner.shape[0]):
+        row, column = pixels[m] // width, pixels[m] % width
         for k in range(owner.shape[1]):
             triangle = owner[m, k]
             if triangle < 0:
@@ -213,8 +214,8 @@ def shade(
             if triangle != before:
                 _slope(corners[triangle], coordinates[triangle], gradient)
                 before = triangle
-            y = (rays[m, k, 1] - lens[3]) / lens[1]
-            x = (rays[m, k, 0] - lens[2] - lens[4] * y) / lens[0]
+            y = (row + offsets[k, 1] - lens[3]) / lens[1]
+            x = (column + offsets[k, 0] - lens[2] - lens[4] * y) / lens[0]
             depth = 1 / (gradient[2, 0] * x + gradient[2, 1] * y + gradient[2, 2])
             s = (gradient[0, 0] * x + gradient[0, 1] * y + gradient[0, 2]) * depth
             t = (gradient[1, 0] * x + gradient[1, 1] * y + gradient[1, 2]) * depth

@@ -121,15 +121,15 @@ class Renderer:
 
         chosen, corners = self._corners.seen(rig, cx, pose, stamp)
         lens, parts = _lens(rig, cx), self._triangles
-        owner, nearness, pixels = _cast(corners, lens, np.zeros((rig.height, rig.width), bool))
+        owner, nearness, rays = _cast(corners, lens, np.zeros((rig.height, rig.width), bool))
         edges = _edges(np.append(parts.part[chosen], -1).astype(np.int32)[owner], nearness)  # -1: background
         paint = (parts.coordinates[chosen], parts.paint[chosen], parts.looks, parts.texels, parts.levels)
         image = np.full(owner.shape, self._scene.background)
-        shade(pixels, owner.reshape(-1, 1), lens, corners, *paint, image.reshape(-1, 1))
+        shade(*rays, owner.reshape(-1, 1), lens, corners, *paint, image.reshape(-1, 1))
         if edges.any():
-            owner, _, pixels = _cast(corners, lens, edges)
+            owner, _, rays = _cast(corners, lens, edges)
             values = np.full(owner.shape, self._scene.background)
-            shade(pixels, owner, lens, corners, *paint, values)
+            shade(*rays, owner, lens, corners, *paint, values)
             image[edges] = values.mean(axis=1)
         return image
 
@@ -212,10 +212,10 @@ def _lens(rig: Rig, cx: float) -> FloatArray:
 
 def _cast(
     corners: FloatArray, lens: FloatArray, edges: NDArray[np.bool_]
-) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
+) -> tuple[NDArray[np.int32], FloatArray, tuple[NDArray[np.int64], FloatArray, int]]:
     """Owner and nearness of one ray through each pixel, or, where there are edges, of 16 through each of those.
 
-    Also the rays' pixels, (M, K, 2).
+    Also the rays: numbers of the pixels, (K, 2) places in a pixel, and the width of a row.
     """
     from ._kernels import cast
 
@@ -227,11 +227,10 @@ def _cast(
     nearness = np.zeros((len(chosen), len(offsets)))
     owner = np.full(nearness.shape, -1, np.int32)
     cast(corners, np.argsort(corners[..., 2].min(axis=1)), lens, slot, offsets, nearness, owner)
-    v, u = np.divmod(chosen, edges.shape[1])
-    pixels = np.stack([u, v], axis=1)[:, None] + offsets
+    rays = chosen, offsets, edges.shape[1]
     if inner:
-        return owner, nearness, pixels
-    return owner.reshape(edges.shape), nearness.reshape(edges.shape), pixels
+        return owner, nearness, rays
+    return owner.reshape(edges.shape), nearness.reshape(edges.shape), rays
 
 
 def _edges(part: NDArray[np.int32], nearness: FloatArray) -> NDArray[np.bool_]:
