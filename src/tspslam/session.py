@@ -132,7 +132,8 @@ class Session:
             raise InputError(f"session: keep is {told(keep)}, expected True or False")
         self.keyframes: dict[int, Frame] = {}
         self._keeps, self._count = keep, 0
-        self._worker = Worker()
+        self._worker, self._scout = Worker(), Worker()
+        self._coming: PreparedPair | None = None
         self._busy: Future[Any] | None = None
         self._is_closed = False
         self._lock = RLock()
@@ -182,7 +183,8 @@ class Session:
             ready = prepare(_own(pair))
         except TspSlamError:
             return pair
-        ready.fill()
+        self.odometry.fill(ready)
+        self._coming = ready
         return ready
 
     def process(self, pair: StereoPair) -> Frame:
@@ -239,7 +241,10 @@ class Session:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
         if not isinstance(pair, PreparedPair):
             pair = _own(pair)
+        self._detect_ahead(pair)
+        self._coming = None if self._coming is pair else self._coming
         tracked = self.odometry.process(pair)
+        self._detect_ahead(self._coming)
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(_plain(pair), tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
@@ -250,6 +255,12 @@ class Session:
             self._keep(frame)
         self._count += 1
         return frame
+
+    def _detect_ahead(self, pair: StereoPair | None) -> None:
+        """Have keypoints detected in a thread if the pair, the next one, is likely to become a keyframe."""
+        odometry = self.odometry
+        if isinstance(pair, PreparedPair) and isinstance(odometry, StereoOdometry) and odometry.foresight.is_due:
+            self._scout.submit(pair.detect, self.settings.detector)  # what fails does so again when it is asked for
 
     @property
     def busy(self) -> Future[Any] | None:
@@ -302,6 +313,7 @@ class Session:
         with self._lock:
             self._is_closed = True
             self._worker.close()
+            self._scout.close()
             self.odometry.close()
 
     def __enter__(self) -> Session:
