@@ -134,8 +134,10 @@ class Session:
         self._keeps, self._count = keep, 0
         self._worker, self._scout = Worker(), Worker()
         self._coming: PreparedPair | None = None
+        if isinstance(self.odometry, StereoOdometry):
+            self.odometry.foresight.on_due = lambda: self._detect_ahead(self._coming)
         self._busy: Future[Any] | None = None
-        self._is_closed = False
+        self._is_closed = self._is_final = False
         self._lock = RLock()
 
     def __repr__(self) -> str:
@@ -233,6 +235,7 @@ class Session:
         True
         """
         with self._lock:
+            self._is_final = False
             if isinstance(self.odometry, StereoOdometry):
                 self.odometry.begin()
 
@@ -243,8 +246,8 @@ class Session:
             pair = _own(pair)
         self._detect_ahead(pair)
         self._coming = None if self._coming is pair else self._coming
+        self._is_final = False
         tracked = self.odometry.process(pair)
-        self._detect_ahead(self._coming)
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(_plain(pair), tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
@@ -296,7 +299,7 @@ class Session:
             return frames, None, self.rig, self.trajectory
 
     def finish(self) -> Trajectory:
-        """Adjust all keyframes together, and return the path: from here on it is final.
+        """Adjust all keyframes together, once, and return the path: it is final until a further pair is processed.
 
         Returns
         -------
@@ -304,8 +307,10 @@ class Session:
             Poses of all frames.
         """
         with self._lock:
+            if not self._is_final:
+                self.odometry.finish()
+                self._is_final = True
             self._wait()
-            self.odometry.finish()
             return self.trajectory
 
     def close(self) -> None:

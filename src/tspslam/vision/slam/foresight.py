@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 _MARGIN = 1.05  # times the least landmarks: of KITTI 05's 15 keyframes 13 were foreseen, and 1 frame in vain; 1: 11 and
 # 0, 1.1: 13 and 4
 
@@ -16,6 +18,13 @@ class Foresight:
     keyframe_share : float
         Share of the last keyframe's landmarks; a frame that tracks fewer becomes a keyframe.
 
+    Attributes
+    ----------
+    is_due : bool
+        Whether the next frame is likely to become a keyframe.
+    on_due : callable or None
+        Called as soon as it is.
+
     Examples
     --------
     >>> foresight = Foresight(0.5)
@@ -28,10 +37,12 @@ class Foresight:
     """
 
     def __init__(self, keyframe_share: float) -> None:
-        self._keyframe_share, self._count, self._rate, self.is_due = keyframe_share, 0, 1.0, False
+        self._keyframe_share, self._count, self._rate = keyframe_share, 0, 1.0
+        self.is_due = False
+        self.on_due: Callable[[], object] | None = None
 
     def note(self, count: int, expected: int, *, is_keyframe: bool) -> None:
-        """Note a frame; afterwards `is_due` tells whether the next one is likely to become a keyframe.
+        """Note a frame, and tell whether the next one is likely to become a keyframe.
 
         Parameters
         ----------
@@ -45,3 +56,5 @@ class Foresight:
         self._rate = min(count / self._count, 1.0) if count and self._count else 1.0
         self._count = expected if is_keyframe else count
         self.is_due = 0 < self._count * self._rate < _MARGIN * self._keyframe_share * expected
+        if self.is_due and self.on_due is not None:
+            self.on_due()

@@ -204,9 +204,12 @@ class StereoOdometry:
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
+        is_wanted, count = self._wants_keyframe(estimate), 0 if estimate is None else len(estimate)
+        if not is_wanted:
+            self.foresight.note(count, self.mapper.expected, is_keyframe=False)
         link = self._link(images, estimate)
         watch.lap("follow")
-        if self._wants_keyframe(estimate):
+        if is_wanted:
             estimate = self._join(estimate)
             watch.lap("wait")
             is_first = self.is_beginning or not self.map.keyframes
@@ -214,9 +217,8 @@ class StereoOdometry:
             if is_origin := is_first and stereo is not None:
                 path.start()
                 self.mapper.joins += [] if estimate is None else [(len(path), link[0], len(estimate))]
+            self.foresight.note(count, self.mapper.expected, is_keyframe=stereo is not None)
         path.record(images.stamp, self.map, link)
-        count = 0 if estimate is None else len(estimate)
-        self.foresight.note(count, self.mapper.expected, is_keyframe=stereo is not None)
         return self._tracked(estimate, stereo, watch, is_origin=is_origin)
 
     def _check(self, name: str, rig: Rig, stamp: float) -> None:
