@@ -132,9 +132,12 @@ class Session:
             raise InputError(f"session: keep is {told(keep)}, expected True or False")
         self.keyframes: dict[int, Frame] = {}
         self._keeps, self._count = keep, 0
-        self._worker = Worker()
+        self._worker, self._scout = Worker(), Worker()
+        self._coming: PreparedPair | None = None
+        if isinstance(self.odometry, StereoOdometry):
+            self.odometry.foresight.on_due = lambda: self._detect_ahead(self._coming)
         self._busy: Future[Any] | None = None
-        self._is_closed = False
+        self._is_closed = self._is_final = False
         self._lock = RLock()
 
     def __repr__(self) -> str:
@@ -182,7 +185,8 @@ class Session:
             ready = prepare(_own(pair))
         except TspSlamError:
             return pair
-        ready.fill()
+        self.odometry.fill(ready)
+        self._coming = ready
         return ready
 
     def process(self, pair: StereoPair) -> Frame:
@@ -231,6 +235,7 @@ class Session:
         True
         """
         with self._lock:
+            self._is_final = False
             if isinstance(self.odometry, StereoOdometry):
                 self.odometry.begin()
 
@@ -239,6 +244,9 @@ class Session:
             raise InputError(f"{pair.name}: the session is closed, expected an open one")
         if not isinstance(pair, PreparedPair):
             pair = _own(pair)
+        self._detect_ahead(pair)
+        self._coming = None if self._coming is pair else self._coming
+        self._is_final = False
         tracked = self.odometry.process(pair)
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(_plain(pair), tracked, self.settings)
@@ -250,6 +258,12 @@ class Session:
             self._keep(frame)
         self._count += 1
         return frame
+
+    def _detect_ahead(self, pair: StereoPair | None) -> None:
+        """Have keypoints detected in a thread if the pair, the next one, is likely to become a keyframe."""
+        odometry = self.odometry
+        if isinstance(pair, PreparedPair) and isinstance(odometry, StereoOdometry) and odometry.foresight.is_due:
+            self._scout.submit(pair.detect, self.settings.detector)  # what fails does so again when it is asked for
 
     @property
     def busy(self) -> Future[Any] | None:
@@ -285,7 +299,7 @@ class Session:
             return frames, None, self.rig, self.trajectory
 
     def finish(self) -> Trajectory:
-        """Adjust all keyframes together, and return the path: from here on it is final.
+        """Adjust all keyframes together, once, and return the path: it is final until a further pair is processed.
 
         Returns
         -------
@@ -293,8 +307,10 @@ class Session:
             Poses of all frames.
         """
         with self._lock:
+            if not self._is_final:
+                self.odometry.finish()
+                self._is_final = True
             self._wait()
-            self.odometry.finish()
             return self.trajectory
 
     def close(self) -> None:
@@ -302,6 +318,7 @@ class Session:
         with self._lock:
             self._is_closed = True
             self._worker.close()
+            self._scout.close()
             self.odometry.close()
 
     def __enter__(self) -> Session:

@@ -161,7 +161,7 @@ class SequenceRun:
         return Trajectory(path.stamp[first], path.T_world_camera[first])
 
     def proceed(self, on_frame: OnFrame | None = None) -> Iterator[tuple[int, int]]:
-        """Process one pair after another, the next one read meanwhile.
+        """Process one pair after another, the next one read meanwhile; after the last one the path is final.
 
         Parameters
         ----------
@@ -186,11 +186,11 @@ class SequenceRun:
                 if is_last or (done >= self._saved + _EVERY + _SHARE * self._saved and not self._is_closing_loop):
                     self._save()
                 if is_last:
-                    self._finish_writing()
+                    self._finish()
                 yield done, index
             if is_growing:
                 self._save()
-                self._finish_writing()
+                self._finish()
 
     def _arriving(self) -> Iterator[tuple[int, _Arrived]]:
         """Pairs as they come; the wanted ones grow with them."""
@@ -338,8 +338,9 @@ class SequenceRun:
             saving, self._saving = self._saving, None
             saving.result()
 
-    def _finish_writing(self) -> None:
-        """Wait for all that is being written."""
+    def _finish(self) -> None:
+        """Make the path final while the last frames and the checkpoint, which is from before that, are written."""
+        self.session.finish()
         self._wait_for_writing(0)
         self._finish_saving()
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from threading import RLock
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._brief import Brief
 from ..errors import GeometryError, InputError
-from ..types import BoolArray, FloatArray, Image, StereoPair
+from ..types import BoolArray, Features, FloatArray, Image, StereoPair
 from .rig import check_pair
 
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 Plane = NDArray[np.float32]
+Detector = Callable[[NDArray[np.uint8]], Features]
 SAME_PICTURE = "left and right show the same picture, expected two views of one scene"
 _TO_GREY_LEVELS = {"u1": 1.0, "u2": 1 / 257, "f4": 255.0, "f8": 255.0}
 _SMOOTHING = 0.6  # px; less lets the interpolation bias through, more blurs depth edges
@@ -232,6 +236,42 @@ def _halved(plane: Plane, usable: BoolArray | None = None) -> Pyramid:
     return Pyramid(tuple(levels), usable)
 
 
+class MadeOnce(Generic[Given, Made]):
+    """What is made of one thing at a time, once, by the thread that is the first to ask; others wait for it.
+
+    Examples
+    --------
+    >>> half = MadeOnce()
+    >>> half.of(4, lambda: 2), half.of(4, lambda: "asked again"), half.of(6, lambda: 3)
+    (2, 2, 3)
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._known = RLock(), list[tuple[Given, Made]]()
+
+    def of(self, given: Given, make: Callable[[], Made]) -> Made:
+        """Return what was made of the very same thing, or make it.
+
+        Parameters
+        ----------
+        given : object
+            What it is made of.
+        make : callable
+            Called without arguments; what it raises is raised, and it is called anew by the next to ask.
+
+        Returns
+        -------
+        object
+        """
+        with self._lock:
+            if not (self._known and self._known[0][0] is given):
+                self._known[:] = [(given, make())]
+            return self._known[0][1]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), ()
+
+
 @dataclass(frozen=True, repr=False)
 class PreparedImage(Brief):
     """One image of a pair in the forms that stages want; each is made once, when it is first asked for.
@@ -246,6 +286,21 @@ class PreparedImage(Brief):
 
     image: Image
     usable: BoolArray | None = None
+    _features: MadeOnce[Detector, Features] = field(default_factory=MadeOnce, init=False, repr=False, compare=False)
+
+    def features(self, detect: Detector) -> Features:
+        """Detect keypoints on all pixels, once for the same detector: a thread that asks meanwhile waits for them.
+
+        Parameters
+        ----------
+        detect : callable
+            Grey image (H, W) uint8 -> `Features`.
+
+        Returns
+        -------
+        Features
+        """
+        return self._features.of(detect, lambda: detect(self.grey))
 
     @cached_property
     def luminance(self) -> Plane:
@@ -287,11 +342,28 @@ class PreparedPair(StereoPair):
         """The right image."""
         return PreparedImage(self.right, self.usable)
 
+    @cached_property
+    def levelled(self) -> MadeOnce[float, tuple[Plane, Plane]]:
+        """The smoothed planes, moved until their rows agree, for an offset of the rows, px."""
+        return MadeOnce()
+
     def fill(self) -> None:
         """Make now what every frame needs: the planes and the pyramid that landmarks are looked for in."""
         _ = self.left_image.pyramid
         if self.disparity is None:
             _ = self.right_image.smooth
+
+    def detect(self, detector: Detector) -> None:
+        """Make now what a keyframe needs besides: the keypoints of both images, of the left one where depths are known.
+
+        Parameters
+        ----------
+        detector : callable
+            Grey image (H, W) uint8 -> `Features`.
+        """
+        self.left_image.features(detector)
+        if self.disparity is None:
+            self.right_image.features(detector)
 
 
 def prepare(pair: StereoPair) -> PreparedPair:

@@ -27,7 +27,7 @@ def inverse(T: FloatArray) -> FloatArray:
     [-1.0, -2.0, -3.0]
     """
     turned = np.swapaxes(T[..., :3, :3], -1, -2)
-    back = np.zeros_like(T)
+    back = np.zeros(T.shape, T.dtype)
     back[..., :3, :3] = turned
     back[..., :3, 3] = -(turned @ T[..., :3, 3:])[..., 0]
     back[..., 3, 3] = 1

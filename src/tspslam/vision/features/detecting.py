@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...types import Features
-from ..images import PreparedImage, are_usable
+from ..images import Detector, PreparedImage, are_usable
 
 
-def detect_usable(image: PreparedImage, detect: Callable[[NDArray[np.uint8]], Features]) -> Features:
+def detect_usable(image: PreparedImage, detect: Detector) -> Features:
     """Detect keypoints, and drop those whose patch reaches pixels that the camera did not see.
 
     Parameters
@@ -36,7 +34,7 @@ def detect_usable(image: PreparedImage, detect: Callable[[NDArray[np.uint8]], Fe
     >>> bool(detect_usable(seen, OrbDetector()).uv[:, 0].min() > 370)
     True
     """
-    found = detect(image.grey)
+    found = image.features(detect)
     if image.usable is None or not isinstance(found, Features) or np.shape(found.uv)[1:] != (2,):
         return found  # what a detector of one's own gives is looked at by those who ask
     rows = are_usable(image.usable, found.uv)

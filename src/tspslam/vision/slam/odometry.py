@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._checks import require
-from ..._settings import Checked, setting
 from ..._stopwatch import Stopwatch
 from ...errors import GeometryError, InputError
 from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
@@ -22,76 +19,20 @@ from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
 from .back_end.calibration_health import settle_offset
+from .foresight import Foresight
 from .keyframes.map import Map
-from .keyframes.settings import MapSettings
 from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
 from .path import CameraPath
 from .places.loop_closing import PlaceRecognition
-from .places.settings import LoopSettings
 from .pose import PoseEstimate, Tracked
-from .tracking import TrackingSettings, measure_disparities, refine_pose, spread_of
+from .settings import Tracking as Tracking
+from .tracking import level_planes, measure_disparities, refine_pose, spread_of
 
 _JOINED = 2  # frames after a keyframe at which its adjustment counts, or at the next keyframe
 _CLOSED = 3  # frames after a loop was found at which it is closed, and a frame more for so many keyframes: the graph
 _PER_FRAME = 60  # of 1 100 took 0.4 s beside the tracking; it has 21 frames: 0.6 s at 34 frames/s
 _CORRECTING = 2  # in a state's counts: a loop is being closed; 1: an adjustment is under way; 3: both
-
-
-@dataclass(frozen=True)
-class Tracking(Checked, what="tracking"):
-    """How a camera is tracked.
-
-    Parameters
-    ----------
-    window : int
-        Keyframes that are adjusted together.
-    keyframe_share : float
-        Share of the last keyframe's landmarks; a frame that tracks fewer becomes a keyframe.
-    patience : int
-        Frames lost in a row, but for those that show nothing, after which the map begins anew, at the pose that a
-        constant velocity predicts.
-    sigma_disparity : float
-        Standard deviation of a disparity, where the pair does not tell it.
-    sigma_offset : float
-        Standard deviation of the calibration's disparity offset.
-    every_frame : bool
-        Whether points to response are computed ahead and stored for each frame, not only for keyframes.
-    pose : TrackingSettings
-        How landmarks are tracked into an image, and when a pose is believed.
-    map : MapSettings
-        What the map keeps, and what is adjusted.
-    loops : LoopSettings
-        How places seen before are found.
-
-    Raises
-    ------
-    InputError
-        If a parameter is out of its range.
-
-    Examples
-    --------
-    >>> Tracking(window=5).keyframe_share
-    0.5
-    """
-
-    window: int = setting(7, 2, 50, unit="keyframes", source="by hand; KITTI 05 4: 41, 14: 45 mm (38)")
-    keyframe_share: float = setting(0.5, 0, 1, unit="", source="by hand; KITTI 05 0.25: 110, 1: 31 mm (38)")
-    patience: int = setting(3, 1, 1000, unit="frames", source="by hand; half, twice: same paths")
-    sigma_disparity: float = setting(0.3, 0.01, 10, unit="px", source="by hand; KITTI 05 0.15: 43, 0.6: 47 mm (38)")
-    sigma_offset: float = setting(
-        0.3, 0.001, 10, unit="px", source="KITTI's, with care, have up to 0.4; KITTI 05 0.15: 43, 0.6: 36 mm (38)"
-    )
-    every_frame: bool = setting(False, unit="", source="keyframes are what the map rests on")
-    pose: TrackingSettings = field(default_factory=TrackingSettings)
-    map: MapSettings = field(default_factory=MapSettings)
-    loops: LoopSettings = field(default_factory=LoopSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        super().__post_init__()
-        for name, kind in (("pose", TrackingSettings), ("map", MapSettings), ("loops", LoopSettings)):
-            require(getattr(self, name), kind, f"tracking: {name}")
 
 
 class StereoOdometry:
@@ -126,6 +67,8 @@ class StereoOdometry:
         What makes the map grow.
     path : CameraPath
         Poses of the frames.
+    foresight : Foresight
+        Whether the next frame is likely to become a keyframe.
 
     Examples
     --------
@@ -152,6 +95,7 @@ class StereoOdometry:
         self._locator = Locator(self.map, self._places, settings.pose, self._detect)
         sigmas = {"sigma_disparity": settings.sigma_disparity, "sigma_offset": settings.sigma_offset}
         self.mapper = LocalMapper(self.map, self._places, **sigmas)
+        self.foresight = Foresight(settings.keyframe_share)
 
     def __repr__(self) -> str:
         frames, keyframes, landmarks = len(self.path), len(self.map.keyframes), len(self.map.xyz)
@@ -260,9 +204,12 @@ class StereoOdometry:
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
+        is_wanted, count = self._wants_keyframe(estimate), 0 if estimate is None else len(estimate)
+        if not is_wanted:
+            self.foresight.note(count, self.mapper.expected, is_keyframe=False)
         link = self._link(images, estimate)
         watch.lap("follow")
-        if self._wants_keyframe(estimate):
+        if is_wanted:
             estimate = self._join(estimate)
             watch.lap("wait")
             is_first = self.is_beginning or not self.map.keyframes
@@ -270,6 +217,7 @@ class StereoOdometry:
             if is_origin := is_first and stereo is not None:
                 path.start()
                 self.mapper.joins += [] if estimate is None else [(len(path), link[0], len(estimate))]
+            self.foresight.note(count, self.mapper.expected, is_keyframe=stereo is not None)
         path.record(images.stamp, self.map, link)
         return self._tracked(estimate, stereo, watch, is_origin=is_origin)
 
@@ -296,6 +244,18 @@ class StereoOdometry:
             return None
         spread = spread_of(images.sigma, estimate.uv, self.tracking.sigma_disparity)
         return refine_pose(map_.rig, estimate, map_.xyz, self._measure(images, estimate), spread, settings)
+
+    def fill(self, images: PreparedPair) -> None:
+        """Make ready what the next frame needs of its images, in any thread, while the last one is tracked.
+
+        Parameters
+        ----------
+        images : PreparedPair
+            What it shows.
+        """
+        images.fill()
+        if images.disparity is None:
+            level_planes(images, self._row_offset)
 
     def _measure(self, images: PreparedPair, estimate: PoseEstimate) -> FloatArray:
         """Disparities of the landmarks of an estimate."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -185,8 +186,9 @@ class CameraPath:
         -------
         bool
         """
-        usual = np.diff(self.stamps[max(self._first, len(self) - _LAST - 1) :])
-        return bool(len(usual) and stamp - self.stamps[-1] > _GAP * np.median(usual))
+        last = self.stamps[max(self._first, len(self) - _LAST - 1) :].tolist()
+        usual = [after - before for before, after in pairwise(last)]
+        return bool(usual) and stamp - last[-1] > _GAP * median(usual)
 
     def predict(self, stamp: float) -> FloatArray:
         """Find the pose at a stamp if the last motion goes on at its speed.

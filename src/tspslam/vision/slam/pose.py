@@ -139,7 +139,7 @@ class Tracked(Brief):
             shapes = ", ".join(str(np.shape(column)) for column in (self.landmark, self.uv, self.disparity))
             raise InputError(f"tracked: landmark, uv, disparity have shapes {shapes}, expected (K,), (K, 2), (K,)")
         landmark = np.asarray(self.landmark)
-        if landmark.dtype.kind not in "iu" or (landmark < 0).any() or len(np.unique(landmark)) < len(landmark):
+        if landmark.dtype.kind not in "iu" or (landmark < 0).any() or _has_twice(landmark):
             raise InputError(f"tracked: landmark is {told(landmark)}, expected whole numbers from 0, each once")
 
     def landmarks_of(self, cloud: Cloud, within: float = 1.0) -> NDArray[np.int64]:
@@ -170,6 +170,11 @@ class Tracked(Brief):
             is_seen = one < len(known)
             found[order[first[is_seen]]] = self.landmark[known[one[is_seen]]]
         return found
+
+
+def _has_twice(numbers: NDArray[np.integer]) -> bool:
+    ascending = np.sort(numbers)  # a fifth of the time of `np.unique`
+    return bool((ascending[1:] == ascending[:-1]).any())
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ...types import FloatArray, Rig
 from ..images import PreparedPair, Pyramid, are_usable
 from ..stereo.dense import checked_map, sample_map, sample_sigma
 from ..stereo.matches import uv_right
-from ..stereo.row_matcher import SearchNear, level_rows
+from ..stereo.row_matcher import Planes, SearchNear, level_rows
 from .patch_tracking import Patch, Sought, aim_patches, track_sought
 from .pose import PoseEstimate, fit_robustly
 
@@ -227,9 +227,26 @@ def measure_disparities(
     T = estimate.T_world_camera
     depth = (xyz[estimate.landmark] - T[:3, 3]) @ T[:3, 2]
     guess = rig.fx * rig.baseline / depth - rig.doffs
-    planes = level_rows((images.left_image.smooth, images.right_image.smooth), row_offset)
-    found = search(planes, estimate.uv, guess)
+    found = search(level_planes(images, row_offset), estimate.uv, guess)
     return np.where(are_usable(images.usable, uv_right(estimate.uv, found)), found, np.nan)
+
+
+def level_planes(images: PreparedPair, row_offset: float) -> Planes:
+    """Make the smoothed planes of a pair whose rows agree, once for the same offset.
+
+    Parameters
+    ----------
+    images : PreparedPair
+        What the cameras show.
+    row_offset : float
+        Rows of the right image less those of the left, px.
+
+    Returns
+    -------
+    (left, right), each (H, W) float32
+    """
+    planes = images.left_image.smooth, images.right_image.smooth
+    return images.levelled.of(row_offset, lambda: level_rows(planes, row_offset))
 
 
 def spread_of(sigma: FloatArray | None, uv: FloatArray, otherwise: float) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._brief import Brief
-from ..._threads import thread_count
+from ..._threads import in_halves
 from ...types import BoolArray, FloatArray
 
 _NEIGHBOURS = 8
@@ -99,9 +99,13 @@ def find_supported(uv: FloatArray, disparity: FloatArray, *, tolerance: float) -
         return np.ones(len(uv), np.bool_)
     from scipy.spatial import cKDTree
 
-    distance, neighbour = cKDTree(uv, compact_nodes=False, balanced_tree=False).query(
-        uv, _NEIGHBOURS + 1, workers=thread_count()
-    )
+    tree, shape = cKDTree(uv, compact_nodes=False, balanced_tree=False), (len(uv), _NEIGHBOURS + 1)
+    distance, neighbour = np.empty(shape), np.empty(shape, np.int64)
+
+    def find(part: slice) -> None:
+        distance[part], neighbour[part] = tree.query(uv[part], _NEIGHBOURS + 1)
+
+    in_halves(find, len(uv))
     difference = np.abs(disparity[neighbour] - disparity[:, None])
     agree = difference <= tolerance + _SLOPE * distance
     agrees: BoolArray = np.count_nonzero(agree, axis=1) > _NEEDED  # the point itself agrees too

@@ -107,6 +107,22 @@ def shift_rows(plane: Plane, offset: float) -> Plane:
 def search(
     first: Plane, second: Plane, uv: FloatArray, ranges: FloatArray, patches: Patches
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`search_alone` in two threads.
+
+    Parameters, returns: as `search_alone`.
+    """
+    found = np.empty((3, len(uv)))
+
+    def fill(part: slice) -> None:
+        found[:, part] = search_alone(first, second, uv[part], ranges[:, part], patches)
+
+    in_halves(fill, len(uv))
+    return found[0], found[1], found[2]
+
+
+def search_alone(
+    first: Plane, second: Plane, uv: FloatArray, ranges: FloatArray, patches: Patches
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Best disparity in whole pixels of the patch around each point of the first image, along its row of the second.
 
     Parameters
@@ -131,10 +147,7 @@ def search(
     xy = np.rint(uv).astype(np.int64)
     shift = np.column_stack([-np.ceil(ranges[1]), -np.floor(ranges[0])]).astype(np.int64)
     found = np.empty((len(xy), 3))
-    in_halves(
-        lambda part: search_rows(first, second, xy[part], shift[part], patches.radius, patches.contrast, found[part]),
-        len(xy),
-    )
+    search_rows(first, second, xy, shift, patches.radius, patches.contrast, found)
     return -found[:, 0], found[:, 1], found[:, 2]
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._checks import require, require_stage
 from ..._threads import both
@@ -15,6 +14,7 @@ from ...errors import GeometryError, InputError
 from ...types import Cloud, Features, FloatArray, StereoPair
 from ..features.detecting import detect_usable
 from ..features.orb import OrbDetector
+from ..images import Detector as Detector
 from ..images import PreparedPair, are_usable, prepare
 from .dense import checked_map, cloud_from_disparity, sample_map
 from .descriptor_matcher import DescriptorMatcher
@@ -23,7 +23,6 @@ from .mismatch import explain_mismatch, refuse_one_picture_stored_twice
 from .row_matcher import RowMatcher
 from .triangulate import PIXEL_SIGMA, triangulate
 
-Detector = Callable[[NDArray[np.uint8]], Features]
 Matcher = Callable[[Features, Features, StereoPair], Matches]
 Preset = Literal["paper"]
 

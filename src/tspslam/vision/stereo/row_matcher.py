@@ -16,7 +16,7 @@ from .descriptor_matcher import DescriptorMatcher as DescriptorMatcher
 from .descriptor_matcher import check_order, median_and_spread, survey_disparities
 from .matches import Matches as Matches
 from .matches import find_supported
-from .patches import Patches, measure_vertical_offsets, refine, search, shift_rows
+from .patches import Patches, measure_vertical_offsets, refine, search, search_alone, shift_rows
 
 Planes = tuple[Plane, Plane]
 SearchNear = Callable[[Planes, FloatArray, FloatArray], FloatArray]
@@ -238,24 +238,34 @@ class RowMatcher(Checked, what="matcher"):
         (N,) float64
             px, measured in both directions; NaN where they do not agree or leave the matcher's limits.
         """
-        start, score, _ = search(*planes, uv, np.stack([guess - _NEAR, guess + _NEAR]), self.patches)
-        found = self._refine(planes, uv, np.where(score >= self.min_correlation - 0.1, start, np.nan))[0]
+        aligned, ranges = np.full((len(uv), 4), np.nan), np.stack([guess - _NEAR, guess + _NEAR])
+
+        def find(part: slice) -> None:
+            start, score, _ = search_alone(*planes, uv[part], ranges[:, part], self.patches)
+            rows = np.flatnonzero(score >= self.min_correlation - 0.1)
+            aligned[part][rows] = self._align(planes, uv[part][rows], start[rows])
+
+        in_halves(find, len(uv))
+        found = self._agreed(aligned)[0]
         low = -np.inf if self.min_disparity is None else self.min_disparity
         high = np.inf if self.max_disparity is None else self.max_disparity
         return np.where((found >= low) & (found <= high), found, np.nan)
 
     def _refine(self, planes: Planes, uv: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Disparity to a fraction of a pixel, NaN where both directions do not agree, and correlation."""
-        disparity, score = np.full(len(start), np.nan), np.zeros(len(start))
-        rows = np.flatnonzero(np.isfinite(start))
-        columns = np.empty((len(rows), 4))
+        rows, aligned = np.flatnonzero(np.isfinite(start)), np.full((len(start), 4), np.nan)
 
         def align(part: slice) -> None:
-            columns[part] = self._align(planes, uv[rows[part]], start[rows[part]])
+            aligned[rows[part]] = self._align(planes, uv[rows[part]], start[rows[part]])
 
         in_halves(align, len(rows))
-        is_found = np.isfinite(columns[:, 0])
-        rows, (forth, back, alike, gain) = rows[is_found], columns[is_found].T
+        return self._agreed(aligned)
+
+    def _agreed(self, aligned: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean disparity, NaN where both directions do not agree, and correlation, of what `_align` gave."""
+        disparity, score = np.full(len(aligned), np.nan), np.zeros(len(aligned))
+        rows = np.flatnonzero(np.isfinite(aligned[:, 0]))
+        forth, back, alike, gain = aligned[rows].T
         uneven = np.abs(np.log(gain / np.median(gain))) if len(rows) else gain
         with np.errstate(invalid="ignore"):
             agree = np.abs(forth + back) <= self.max_disagreement  # NaN does not

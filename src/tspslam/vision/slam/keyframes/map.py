@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from .settings import MapSettings
 from .sightings import Sightings
 
 _NOTHING = {"landmark": np.empty(0, np.int64), "uv": np.empty((0, 2)), "disparity": np.empty(0), "sigma": np.empty(0)}
-_index_of = attrgetter("index")
+_index_of = operator.attrgetter("index")
 _GAPS = 0.1  # share of the rows from a gap to the end that are gaps, from which these rows move up: 10 moves for each
 
 
@@ -75,6 +75,7 @@ class Map:
         self._xyz, self._descriptors = Column(np.empty((0, 3))), Column(np.empty((0, 4), np.uint64))
         self._landmark_id, self._merged = Column(np.empty(0, np.int64)), Column(np.empty((0, 2), np.int64))
         self._sightings, self._doubtful = Sightings(), [np.empty(0, np.int64)]  # rows that may be of no use
+        self._references: tuple[list[Keyframe], list[Reference]] = [], []  # of which keyframes, as they were
         self.gaps, self.next_id, self.added = np.empty(0, np.int64), 0, 0
         self.loop: Keyframe | None = None
         self.unsettled: set[int] = set()
@@ -228,9 +229,16 @@ class Map:
         Returns
         -------
         list of Reference
+            The same objects until one of these keyframes changes.
         """
-        taken, found = np.empty(0, np.int64), []
         last = self.keyframes[-self.settings.references :]
+        known, _ = self._references
+        if len(known) != len(last) or not all(map(operator.is_, known, last)):
+            self._references = last, self._find_references(last)
+        return self._references[1]
+
+    def _find_references(self, last: list[Keyframe]) -> list[Reference]:
+        taken, found = np.empty(0, np.int64), []
         for frame in reversed([frame for frame in last if frame.part == last[-1].part]):
             new = ~np.isin(frame.landmark, taken)
             taken = np.concatenate([taken, frame.landmark])
