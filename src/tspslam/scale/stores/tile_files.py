@@ -14,7 +14,8 @@ from ...errors import InputError
 from ...io import write_ply, write_vtu
 from ...io._export_folder import fill_folder
 from ...topology.complex import Complex
-from .halo import faces_of, read_around
+from . import _zarr
+from .halo import faces_of
 from .stored_response import StoredResponse
 
 KINDS = ("vtu", "ply")
@@ -88,7 +89,7 @@ def _write_tile(response: StoredResponse, path: Path, first: int, last: int) -> 
     triangles = local.reshape(-1, 3).astype(np.int32)
 
     def column(array: Any) -> NDArray[Any]:
-        return read_around(array, first, last, outside.astype(np.int64))[kept]
+        return _zarr.read_around(array, first, last, outside.astype(np.int64))[kept]
 
     z, xyz = column(response.z), column(mesh.arrays["xyz"])
     vertex = {"real": z.real, "imaginary": z.imag, "magnitude": np.abs(z), "phase": np.angle(z)}
