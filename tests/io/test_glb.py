@@ -126,6 +126,16 @@ def test_places_are_turned_half_around_x_and_colours_read_back_exactly(tmp_path)
         assert (light[:, 3] == 65535).all()
 
 
+def test_numbers_of_vertices_become_attributes_and_a_node_stands_where_it_is_told(tmp_path):
+    size, at = np.linspace(0, 3, 6), np.array([4.3e5, -5.4e6, 7.0])
+    write_glb(tmp_path / "a.glb", [Drawn("one", "triangles", XYZ, RGB, ROWS, values={"size": size}, at=at)])
+    tree, binary = parsed(tmp_path / "a.glb")
+    assert_sound(tree, binary)
+    found = values_of(tree, binary, tree["meshes"][0]["primitives"][0]["attributes"]["_SIZE"])
+    assert np.array_equal(found.ravel(), size.astype(np.float32))
+    assert tree["nodes"][0]["translation"] == [4.3e5, 5.4e6, -7.0]
+
+
 def test_every_byte_of_srgb_survives_as_linear_light(tmp_path):
     grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
     write_glb(tmp_path / "a.glb", [Drawn("all", "points", np.zeros((256, 3)), grey)])
@@ -196,6 +206,13 @@ BAD = {
     "numbers for triangles": ([Drawn("x", "triangles", XYZ, RGB, ROWS.ravel())], r"shape \(9,\)"),
     "a row beyond": ([Drawn("x", "triangles", XYZ, RGB, ROWS + 1)], "rows 1 to 6; expected 0 to 5"),
     "NaN": ([Drawn("x", "points", XYZ * np.nan, RGB)], "not finite"),
+    "fewer numbers": (
+        [Drawn("x", "points", XYZ, RGB, values={"a": np.zeros(5)})],
+        r"a of shape \(5,\); expected \(6,\)",
+    ),
+    "numbers that are none": ([Drawn("x", "points", XYZ, RGB, values={"a": np.full(6, np.nan)})], "finite as float32"),
+    "numbers beyond float32": ([Drawn("x", "points", XYZ, RGB, values={"a": np.full(6, 1e39)})], "finite as float32"),
+    "nowhere": ([Drawn("x", "points", XYZ, RGB, at=np.full(3, np.inf))], "x stands at"),
     "beyond float32": ([Drawn("x", "points", XYZ * 1e60, RGB)], "not finite or too large"),
 }
 
@@ -241,7 +258,9 @@ def test_the_validator_of_khronos_finds_nothing(tmp_path):
         pytest.skip(
             "node with the module gltf-validator is not installed: npm install gltf-validator, NODE_PATH=its place"
         )
-    write_glb(tmp_path / "a.glb", ALL, RIG, {"keyframe 000007": pose(), "one": np.eye(4)}, extras={"span": [0.0, 1.0]})
+    more = Drawn("far", "points", XYZ, RGB, values={"size": XYZ[:, 0]}, at=np.full(3, 1e6))
+    cameras = {"keyframe 000007": pose(), "one": np.eye(4)}
+    write_glb(tmp_path / "a.glb", [*ALL, more], RIG, cameras, extras={"span": [0.0, 1.0]})
     write_glb(tmp_path / "b.glb", [])
     for name in ("a.glb", "b.glb"):
         words = ["node", "-e", VALIDATE, str(tmp_path / name)]

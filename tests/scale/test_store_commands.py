@@ -81,7 +81,7 @@ def test_tiles_as_ply_have_every_face_once(tmp_path):
     assert len(meshes) == count
     assert sum(len(mesh.faces) for mesh in meshes) == len(faces)
     assert set(meshes[0].vertex) == {"real", "imaginary", "magnitude", "phase", "defined", "luminance"}
-    with pytest.raises(tspslam.InputError, match="kind is 'obj', expected vtu or ply"):
+    with pytest.raises(tspslam.InputError, match="kind is 'obj', expected one of vtu, ply, 3dtiles"):
         write_tiles(store.filter(), tmp_path / "more", "obj")
 
 
@@ -105,7 +105,7 @@ def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
         (["filter", "a.ply"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),
         (["filter", "STORE", "--out", "x"], 2, "goes with --out"),
-        (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected vtu or ply"),
+        (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected one of vtu, ply, 3dtiles"),
         (["filter", "STORE", "--to", "ply", "--out", "STORE/x"], 3, "lies in the store"),
         (["filter", "STORE", "--memory", "2 bananas"], 3, "memory is '2 bananas'"),
         (["filter", "STORE", "--scheduler", "nowhere"], 3, "nowhere: is no address of a scheduler"),

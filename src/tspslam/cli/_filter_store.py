@@ -25,10 +25,10 @@ def filter_a_store(
     from .._files import bad_input
     from ..run.guard import is_inside
     from ..scale.stores.store import open_store
-    from ..scale.stores.tile_files import KINDS, write_tiles
+    from ..scale.stores.tile_files import INDEX, KINDS, write_tiles
 
     if (out is None) != (to is None) or (to is not None and to not in KINDS):
-        raise typer.BadParameter(f"goes with --out, expected {' or '.join(KINDS)}", param_hint="--to")
+        raise typer.BadParameter(f"goes with --out, expected one of {', '.join(KINDS)}", param_hint="--to")
     opened = open_store(path, images=images)
     if out is not None and is_inside(out, path):
         raise bad_input(out, f"lies in the store {path}", "a folder outside (--out)")
@@ -46,7 +46,7 @@ def filter_a_store(
     words = [f"response at {found['defined']} of {opened.n} vertices, filtered in {_count(found['tiles'], 'tile')}"]
     if out is not None and to is not None:
         files = write_tiles(response, out, to)
-        written.append(str(out / "tiles.pvd" if to == "vtu" else out))
+        written.append(str(out / INDEX.get(to, "")))
         words.append(f"{_count(files, 'file')} of {to}, one a chunk")
     if found["split"]:
         words.append(f"{_count(found['split'], 'tile')} killed their worker and were split")

@@ -149,7 +149,9 @@ def filter_command(
     workers: Annotated[int, typer.Option(help="Of a store: processes of Dask [default: this one alone].")] = 0,
     scheduler: Annotated[str | None, typer.Option(help="Of a store: a scheduler of Dask, by address.")] = None,
     memory: Annotated[str, typer.Option(help="Of a store: what a process may take.")] = "1.5 GB",
-    to: Annotated[str | None, typer.Option(help="Of a store: also a file a tile, vtu or ply, into --out.")] = None,
+    to: Annotated[
+        str | None, typer.Option(help="Of a store: also a file a tile, vtu, ply or 3dtiles, into --out.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""

@@ -26,6 +26,7 @@ _VERTICES, _INDICES = 34962, 34963
 _MODES: dict[Mode, tuple[int, int]] = {"points": (0, 1), "lines": (1, 2), "triangles": (4, 3)}  # and corners of each
 _JSON, _BINARY = b"JSON", b"BIN\0"
 _LARGEST = (1 << 32) - 1  # bytes: lengths are 32-bit numbers
+_FARTHEST = float(np.finfo(np.float32).max)
 _NEAR = 0.01  # m: from where on a keyframe's camera shows things
 _FLIP = np.array([1.0, -1.0, -1.0])  # half a turn about x: from y down, z forward to y up, z back
 _UNLIT = "KHR_materials_unlit"
@@ -47,6 +48,10 @@ class Drawn(Brief):
         Their colours, sRGB.
     rows : (M,), (M, 2) or (M, 3) integers, or None
         Vertices of each point, line or triangle; None where they follow each other.
+    values : dict of str to (N,) numbers, or None
+        More of the vertices: ``magnitude`` becomes the attribute ``_MAGNITUDE``, float32.
+    at : (3,) float64 or None
+        Where the node stands, m, from which `xyz` are counted: what is far from 0 keeps the digits of float32.
     """
 
     name: str
@@ -54,6 +59,8 @@ class Drawn(Brief):
     xyz: FloatArray
     rgb: NDArray[np.uint8]
     rows: NDArray[Any] | None = None
+    values: Mapping[str, NDArray[Any]] | None = None
+    at: FloatArray | None = None
 
 
 def write_glb(
@@ -133,10 +140,13 @@ class _Parts:
         low, high = xyz.min(axis=0).tolist(), xyz.max(axis=0).tolist()
         made = {"POSITION": self._accessor(xyz, _FLOAT, "VEC3", _VERTICES, min=low, max=high)}
         made["COLOR_0"] = self._accessor(_linear(each.rgb), _USHORT, "VEC4", _VERTICES, normalized=True)
+        for name, values in (each.values or {}).items():
+            made[f"_{name.upper()}"] = self._accessor(values.astype("<f4"), _FLOAT, "SCALAR", _VERTICES)
         primitive: dict[str, Any] = {"attributes": made, "material": 0, "mode": mode}
         if each.rows is not None:
             primitive["indices"] = self._accessor(each.rows.ravel().astype("<u4"), _UINT, "SCALAR", _INDICES)
-        self.nodes.append({"mesh": len(self.meshes), "name": each.name})
+        place = {} if each.at is None else {"translation": (each.at * _FLIP + 0.0).tolist()}
+        self.nodes.append({"mesh": len(self.meshes), "name": each.name} | place)
         self.meshes.append({"name": each.name, "primitives": [primitive]})
 
     def place(self, name: str, pose: FloatArray) -> None:
@@ -184,6 +194,11 @@ def _check(path: PathLike, each: Drawn, corners: int) -> None:
     if each.xyz.shape != (count, 3) or each.rgb.shape != (count, 3) or each.rgb.dtype != np.uint8:
         found = f"{each.name} has places {each.xyz.shape} and colours {each.rgb.dtype} {each.rgb.shape}"
         raise bad_input(path, found, "(N, 3) and uint8 (N, 3)")
+    for name, values in (each.values or {}).items():
+        if values.shape != (count,) or not (np.abs(values) <= _FARTHEST).all():
+            raise bad_input(path, f"{each.name} has {name} of shape {values.shape}", f"({count},), finite as float32")
+    if each.at is not None and not (each.at.shape == (3,) and np.isfinite(each.at).all()):
+        raise bad_input(path, f"{each.name} stands at {each.at!r:.60}", "(3,) finite metres")
     if each.rows is None:
         if count % corners:
             raise bad_input(path, f"{each.name} has {count} vertices", f"{corners} for each of its {each.mode}")

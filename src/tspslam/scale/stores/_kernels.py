@@ -26,18 +26,12 @@ def faces_among(faces, rows):  # type: ignore[no-untyped-def]
 @kernel
 def rows_outside(faces, first, last):  # type: ignore[no-untyped-def]
     """Rows that faces name beyond `first` to `last`, as they come, with repetitions."""
-    count = 0
+    found, count = np.empty(faces.size, np.int64), 0  # pages that are not written take no memory
     for f in range(faces.shape[0]):
         for corner in range(3):
+            found[count] = faces[f, corner]
             count += faces[f, corner] < first or faces[f, corner] >= last
-    found = np.empty(count, np.int64)
-    count = 0
-    for f in range(faces.shape[0]):
-        for corner in range(3):
-            if faces[f, corner] < first or faces[f, corner] >= last:
-                found[count] = faces[f, corner]
-                count += 1
-    return found
+    return found[:count].copy()
 
 
 @kernel

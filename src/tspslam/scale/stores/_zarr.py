@@ -61,14 +61,33 @@ def read(array: Any, first: int, last: int) -> NDArray[Any]:
 
     Chunks are read here, as plain as `create` has them: a call of Zarr takes ten times as long as one of these.
     """
-    chunks, kind, folder = array.chunks, array.dtype, str(folder_of(array))
-    rows, tail = chunks[0], ".0" * (len(chunks) - 1)
-    values = np.empty((last - first, *chunks[1:]), kind)
+    return read_around(array, first, last, np.empty(0, np.int64))
+
+
+def read_around(array: Any, first: int, last: int, outside: NDArray[np.int64]) -> NDArray[Any]:
+    """Rows `first` to `last`, then rows outside them, ascending, of which one chunk is in memory at a time."""
+    chunks, kind, folder = array.chunks, array.dtype, os.fspath(array.store.root)
+    start, tail = os.path.join(folder, array.path, "c."), ".0" * (len(chunks) - 1)
+    rows, at = chunks[0], last - first
+    values = np.empty((at + len(outside), *chunks[1:]), kind)
     for k in range(first // rows, -(-last // rows)):
         low, high = max(first, k * rows), min(last, (k + 1) * rows)
-        part = _chunk(os.path.join(folder, f"c.{k}{tail}"), chunks, kind)
+        part = _chunk(f"{start}{k}{tail}", chunks, kind)
         values[low - first : high - first] = part[low - k * rows : high - k * rows]
+    for k, begin, end in runs_by_chunk(outside, rows):
+        part = _chunk(f"{start}{k}{tail}", chunks, kind)
+        values[at + begin : at + end] = part.take(outside[begin:end] - k * rows, axis=0)
     return values
+
+
+def runs_by_chunk(rows: NDArray[np.int64], chunk: int) -> list[tuple[int, int, int]]:
+    """Cut ascending rows where their chunks end: a chunk's number, and the first and last + 1 of the rows in it."""
+    if not len(rows):
+        return []
+    numbers = np.arange(rows[0] // chunk, rows[-1] // chunk + 2)
+    ends = np.searchsorted(rows, numbers * chunk)
+    there = np.flatnonzero(ends[1:] > ends[:-1])
+    return list(zip(numbers[there].tolist(), ends[there].tolist(), ends[there + 1].tolist(), strict=True))
 
 
 def _chunk(path: str, chunks: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
@@ -147,9 +166,13 @@ def write(array: Any, first: int, values: NDArray[Any], *, is_synced: bool = Fal
 
 def _put(path: Path, array: Any, values: NDArray[Any]) -> None:
     """Write a whole chunk as Zarr does, under a name of its own until it is whole; a call of Zarr takes far longer."""
-    rows = np.zeros(array.chunks, array.dtype)
-    rows[: len(values)] = values
-    data, place = rows.tobytes(), path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")
+    if len(values) == array.chunks[0]:
+        data = values.astype(array.dtype, copy=False).tobytes()
+    else:
+        rows = np.zeros(array.chunks, array.dtype)
+        rows[: len(values)] = values
+        data = rows.tobytes()
+    place = path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")
     try:
         with open(place, "wb") as handle:
             handle.write(data)

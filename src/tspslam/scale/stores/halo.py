@@ -76,13 +76,13 @@ def load_piece(store: StoredMesh, first: int, last: int, rings: int, columns: Co
 
     faces, order = _faces_around(store, first, last, max(rings, 1))
     outside = np.unique(_kernels.rows_outside(faces, first, last))
-    number = read_around(store.arrays["id"], first, last, outside)
+    number = _zarr.read_around(store.arrays["id"], first, last, outside)
     visit = np.argsort(number, kind="stable")
     place = np.empty(len(number), np.int32)
     place[visit] = np.arange(len(number), dtype=np.int32)
     local = _kernels.local_faces(faces, order, first, last, outside, place)
     found = {
-        name: read_around(store.arrays[name], first, last, outside).take(visit, axis=0)
+        name: _zarr.read_around(store.arrays[name], first, last, outside).take(visit, axis=0)
         for name in columns
         if name in store.arrays
     }
@@ -138,45 +138,12 @@ def faces_of(store: StoredMesh, rows: Rows) -> tuple[NDArray[Any], Rows]:
     from . import _kernels
 
     found, named = [], []
-    for chunk in np.unique(rows // store.chunk).tolist():
+    for chunk, low, high in _zarr.runs_by_chunk(rows, store.chunk):
         begin, end = int(store.face_end[chunk - 1]) if chunk else 0, int(store.face_end[chunk])
         faces, number = store.read("face_rows", begin, end), store.read("face_id", begin, end)
-        mine = rows[slice(*np.searchsorted(rows, [chunk * store.chunk, (chunk + 1) * store.chunk]))]
-        if len(mine) < min(store.chunk, store.n - chunk * store.chunk):
-            kept = _kernels.faces_among(faces, mine)
+        if high - low < min(store.chunk, store.n - chunk * store.chunk):
+            kept = _kernels.faces_among(faces, rows[low:high])
             faces, number = faces.take(kept, axis=0), number.take(kept)
         found.append(faces)
         named.append(number)
     return np.concatenate(found), np.concatenate(named)
-
-
-def read_around(array: Any, first: int, last: int, outside: Rows) -> NDArray[Any]:
-    """Read a tile's rows of an array, then rows outside it, of which one chunk is in memory at a time.
-
-    Parameters
-    ----------
-    array : (N, k) or (N,) zarr array of numbers
-        By rows.
-    first, last : int
-        Rows of the tile.
-    outside : (K,) int64
-        Rows outside, ascending.
-
-    Returns
-    -------
-    (n, k) or (n,) float64, int64, complex128 or bool array
-        Of ``last - first + K`` rows.
-
-    Raises
-    ------
-    InputError
-        If a chunk is damaged.
-    """
-    values = np.empty((last - first + len(outside), *array.shape[1:]), array.dtype)
-    values[: last - first] = _zarr.read(array, first, last)
-    chunk, at = array.chunks[0], last - first
-    for run in np.split(outside, np.flatnonzero(np.diff(outside // chunk)) + 1) if len(outside) else ():
-        low, high = int(run[0]), int(run[-1]) + 1
-        values[at : at + len(run)] = _zarr.read(array, low, high)[run - low]
-        at += len(run)
-    return values

@@ -12,7 +12,6 @@ from ...io._folders import new_folder
 from ...topology.complex import build_complex
 from ...types import Signals
 from . import _zarr
-from .halo import read_around
 from .mesh import StoredMesh
 from .tiled_filter import image_parts, signals_of
 
@@ -89,7 +88,7 @@ def _regions(mesh: StoredMesh, faces: NDArray[Any], first: int, last: int, image
     outside = np.unique(faces[faces >= last]).astype(np.int64)
     local = np.where(faces < last, faces - first, last - first + np.searchsorted(outside, faces))
     columns = {
-        name: read_around(mesh.arrays[name], first, last, outside)
+        name: _zarr.read_around(mesh.arrays[name], first, last, outside)
         for name in ("xyz", "uv", "luminance")
         if name in mesh.arrays
     }

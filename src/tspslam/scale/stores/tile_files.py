@@ -1,12 +1,10 @@
-"""Responses handed on: a VTU or PLY file for each chunk of a store, and an index that opens them together."""
+"""Responses handed on: a VTU, PLY or glTF file for each chunk of a store, and an index that opens them together."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..._atomic import write_bytes
 from ..._files import PathLike
@@ -14,18 +12,23 @@ from ...errors import InputError
 from ...io import write_ply, write_vtu
 from ...io._export_folder import fill_folder
 from ...topology.complex import Complex
-from .halo import faces_of, read_around
+from . import tileset
 from .stored_response import StoredResponse
+from .tile import Tile, load_tile
 
-KINDS = ("vtu", "ply")
+KINDS = ("vtu", "ply", "3dtiles")
 """Formats of the files."""
+
+INDEX = {"vtu": "tiles.pvd", "3dtiles": tileset.INDEX}
+"""The file that opens them together, where there is one."""
 
 
 def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *, is_forced: bool = False) -> int:
     """Write a file for each chunk that has faces: each face stands in that of its lowest row.
 
     Vertices carry the response (real, imaginary part, magnitude, phase, defined), their luminance, if they have one,
-    and in VTU their numbers. ``tiles.pvd`` opens all VTU files in ParaView at once. One chunk is in memory at a time.
+    and in VTU their numbers. ``tiles.pvd`` opens all VTU files in ParaView at once, ``tileset.json`` all of 3D Tiles in
+    Cesium (`tspslam.scale.stores.tileset`). One chunk is in memory at a time; of 3D Tiles a few.
 
     Parameters
     ----------
@@ -33,7 +36,7 @@ def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *
         The responses.
     folder : str or path
         A folder that is not there yet, or empty.
-    kind : {"vtu", "ply"}
+    kind : {"vtu", "ply", "3dtiles"}
         The format.
     is_forced : bool
         Whether an earlier export of that kind may be replaced.
@@ -41,7 +44,7 @@ def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *
     Returns
     -------
     int
-        How many files there are, without the index.
+        How many files of chunks there are.
 
     Raises
     ------
@@ -62,46 +65,35 @@ def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *
     (1, ['000000.vtu', 'tiles.pvd', 'tspslam-export.json'])
     """
     if kind not in KINDS:
-        raise InputError(f"kind is {kind!r:.40}, expected {' or '.join(KINDS)}")
-    mesh, names = response.store, []
+        raise InputError(f"kind is {kind!r:.40}, expected one of {', '.join(KINDS)}")
     with fill_folder(Path(folder), f"tiles-{kind}", is_forced=is_forced) as made:
-        for k in range(len(mesh.face_end)):
-            name = f"{k:06d}.{kind}"
-            if _write_tile(response, made / name, k * mesh.chunk, min((k + 1) * mesh.chunk, mesh.n)):
+        if kind == "3dtiles":
+            return tileset.write_tileset(response, made)
+        names = []
+        for chunk in range(len(response.store.face_end)):
+            name, tile = f"{chunk:06d}.{kind}", load_tile(response, chunk)
+            if tile is not None:
+                _write_tile(tile, made / name)
                 names.append(name)
         if kind == "vtu":
-            write_bytes(made / "tiles.pvd", _index(names).encode())
+            write_bytes(made / INDEX[kind], _index(names).encode())
     return len(names)
 
 
-def _write_tile(response: StoredResponse, path: Path, first: int, last: int) -> bool:
-    """Write the faces whose lowest row is in a chunk; False where there are none."""
-    mesh = response.store
-    faces = faces_of(mesh, np.arange(first, last))[0]
-    lowest = np.minimum(np.minimum(faces[:, 0], faces[:, 1]), faces[:, 2])
-    faces = faces[lowest >= first]
-    if not len(faces):
-        return False
-    rows, local = np.unique(faces, return_inverse=True)
-    outside = rows[rows >= last]
-    kept = np.concatenate([rows[rows < last] - first, last - first + np.arange(len(outside))])
-    triangles = local.reshape(-1, 3).astype(np.int32)
-
-    def column(array: Any) -> NDArray[Any]:
-        return read_around(array, first, last, outside.astype(np.int64))[kept]
-
-    z, xyz = column(response.z), column(mesh.arrays["xyz"])
+def _write_tile(tile: Tile, path: Path) -> None:
+    """Write a tile as VTU or PLY."""
+    z = tile.z
     vertex = {"real": z.real, "imaginary": z.imag, "magnitude": np.abs(z), "phase": np.angle(z)}
-    vertex["defined"] = column(response.flags)
-    if "luminance" in mesh.arrays:
-        vertex["luminance"] = np.nan_to_num(column(mesh.arrays["luminance"]))
+    vertex["defined"] = tile.defined
+    if tile.luminance is not None:
+        vertex["luminance"] = tile.luminance
     if path.suffix == ".ply":
-        write_ply(path, xyz, triangles, vertex=vertex)
-        return True
-    vertex["number"] = column(mesh.arrays["id"])
+        write_ply(path, tile.xyz, tile.faces, vertex=vertex)
+        return
+    vertex["number"] = tile.number
     empty = np.empty((0, 2), np.int32)
-    write_vtu(path, Complex(len(xyz), empty, triangles, np.empty((0, 3), np.int32)), xyz, vertex=vertex)
-    return True
+    complex_ = Complex(len(tile.xyz), empty, tile.faces, np.empty((0, 3), np.int32))
+    write_vtu(path, complex_, tile.xyz, vertex=vertex)
 
 
 def _index(names: list[str]) -> str:
