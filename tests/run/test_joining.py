@@ -21,8 +21,10 @@ from tspslam.run.continuing import run_into
 from tspslam.run.evaluate import evaluated
 from tspslam.run.evaluate_recordings import evaluated_recordings
 from tspslam.run.export import export
+from tspslam.run.joining import grow_tree
 from tspslam.run.pipeline import OnePair, run
 from tspslam.run.report import write_page
+from tspslam.scale.maps.joining import join_runs
 
 from .. import sequences
 from ..sequences import SETTINGS, SMALL_RIG, Kept, write_sequence
@@ -324,6 +326,43 @@ def test_frames_made_anew_for_the_end_of_the_path_and_parts_of_a_source_are_not_
     run(few, tmp_path / "later", resolve(assignments=SETTINGS), frames=range(1, 3))
     with pytest.raises(InputError, match="is of frames 1:3:1 of its source; expected frames from 0 on"):
         run_into(tmp_path / "later", [open_sequence(folders / "back")])
+
+
+def test_a_recording_of_a_joined_map_is_not_taken_into_it_again(folders, one, tmp_path):
+    """Frames of its runs have other numbers, names and stamps there."""
+    there, back = (open_sequence(folders / name) for name in ("there", "back"))
+    run(back, tmp_path / "back", resolve(assignments=SETTINGS), frames=range(2, 12))
+    join_runs([one, tmp_path / "back"], tmp_path / "map")
+    before = content(tmp_path / "map")
+    with pytest.raises(InputError, match=r"there: is in the run already, as there \(frame 0 is the same\)"):
+        run_into(tmp_path / "map", [there])
+    with pytest.raises(InputError, match=r"back: is in the run already, as back \(frame 14 is the same\)"):
+        run_into(tmp_path / "map", [back])
+    assert content(tmp_path / "map") == before
+    result = run_into(tmp_path / "map", [open_sequence(folders / "other")])
+    names = [one["name"] for one in result.run["recordings"]]
+    assert (names, result.run["recordings"][1]["joined_by"]["recording"]) == (["there", "back", "other"], "there")
+
+
+@pytest.mark.parametrize(
+    ("joins", "found"),
+    [
+        ([], {}),
+        ([(1, 0)], {1: (0, 0)}),
+        ([(2, 1), (2, 0)], {2: (0, 1), 1: (2, 0)}),
+        ([(1, 2), (2, 1), (2, 0)], {2: (0, 2), 1: (2, 0)}),
+        ([(3, 2), (1, 1)], {3: (2, 0)}),
+        ([(3, 2), (2, 0), (1, 3), (1, 2)], {2: (0, 1), 3: (2, 0), 1: (3, 2)}),
+    ],
+)
+def test_what_joined_recordings_leads_to_the_lowest_one_and_never_round(joins, found):
+    assert grow_tree(joins, 4) == found
+    for k in found:
+        seen = [k]
+        while seen[-1] in found:
+            seen.append(found[seen[-1]][0])
+        assert len(seen) == len(set(seen))
+        assert seen[-1] == min(seen)
 
 
 def test_recordings_are_typed_one_after_another(folders, tmp_path, capsys):

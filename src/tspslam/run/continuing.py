@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from ..errors import InputError
 from ..io import RunFolder, StoredRun, load_run, read_frame
 from ..io._places import is_of_a_run
 from ..io._settling import is_run_folder
+from ..io.frames import read_frame_image
 from ..io.lock import FolderLock
 from ..session import Session
 from ..types import Image, Rig
@@ -29,16 +32,17 @@ from ._stages import OnStep
 from .config import Resolved, resolve
 from .pipeline import Progress, RunResult, run, settings_of
 from .record import FrameRecord, Row
-from .sequence import MADE_BY, STATE_NAME, OnFrame, input_hash
+from .sequence import MADE_BY, STATE_NAME, OnFrame
 
 _OF_READERS = (
+    "join_",
     "camera_lost",
     "frames_dropped",
     "frames_missed",
     "unpaired",
     "video_",
     "depth_",
-)  # warnings by those who read pairs
+)  # warnings by those who read pairs, or joined runs
 _FEWEST = 2  # frames of a run that has a path
 
 
@@ -88,7 +92,7 @@ def run_into(
         resolved = _settings(place, given)
         _refuse_excerpt(stored)
         rows, _, parts = stored_parts(stored)
-        _refuse_again(parts, rows, recordings, resolved)
+        _refuse_again(stored, rows, parts, recordings)
         source = JoinedSequence([*parts, *recordings])
         _bring(place, work, settings_of(source, None, resolved))
         result = run(source, work, resolved, progress=progress, on_frame=on_frame, on_step=on_step)
@@ -265,32 +269,38 @@ def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterat
 
 
 def _refuse_again(
-    parts: Sequence[StoredRecording], rows: Sequence[Row], recordings: Sequence[Source], resolved: Resolved
+    stored: StoredRun, rows: Sequence[Row], parts: Sequence[StoredRecording], given: Sequence[Source]
 ) -> None:
-    """Refuse a recording that is in the run already, by the hash of one of its pairs; and one of another rig."""
-    with Session(parts[0].rig, resolved.settings, keep=False) as session:
-        for recording in recordings:
-            check_same_rig(parts[0].rig, parts[0].name, recording.rig, recording.name)
-            for k, part in enumerate(parts):
-                start = sum(map(len, parts[:k]))
-                row = next((row for row in rows if row.index >= start and isinstance(row, FrameRecord)), None)
-                if row is None or row.index - start >= min(len(recording), len(part)):
-                    continue
-                if _hash_as(recording, row.index - start, row, part, k, session) == row.input_hash:
-                    said = f"is in the run already, as {part.name} (frame {row.index} is the same)"
-                    raise InputError(one_line(f"{recording.name}: {said}; expected another recording"))
+    """Refuse a recording that is in the run already, by one of its images; and one of another rig."""
+    folder, ends = RunFolder.open(stored.path), list(accumulate(map(len, parts)))
+    first: dict[int, FrameRecord] = {}  # frame of each part that has a file
+    for row in rows:
+        if isinstance(row, FrameRecord) and row.complex_ is not None:
+            first.setdefault(bisect_right(ends, row.index), row)
+    for recording in given:
+        check_same_rig(parts[0].rig, parts[0].name, recording.rig, recording.name)
+        for k, row in first.items():
+            place = row.index - (ends[k] - len(parts[k]))
+            image = read_frame_image(folder.finished_frame(row.index))
+            if any(_shows(recording, at, image) for at in _places_of(recording, row, place, parts[k].offset)):
+                said = f"is in the run already, as {parts[k].name} (frame {row.index} is the same)"
+                raise InputError(one_line(f"{recording.name}: {said}; expected another recording"))
 
 
-def _hash_as(
-    recording: Source, index: int, row: FrameRecord, part: StoredRecording, k: int, session: Session
-) -> str | None:
-    """Hash of a pair if it were of a recording of the run; None if it cannot be read."""
+def _places_of(recording: Source, row: FrameRecord, place: int, offset: float) -> set[int]:
+    """Which pairs of a recording a frame may be of: at its place, or of its stamp, as where it is one of a piece."""
+    stamps = getattr(recording, "stamps", None)
+    own = row.stamp - offset if row.own_stamp is None else row.own_stamp
+    same = [] if stamps is None else np.flatnonzero(np.asarray(stamps) == own).tolist()
+    return {at for at in (place, *same) if at < len(recording)}
+
+
+def _shows(recording: Source, index: int, image: Image) -> bool:
+    """Whether a pair can be read and has that left image."""
     try:
-        pair = recording[index]
+        return np.array_equal(recording[index].left, image)
     except InputError:
-        return None
-    name = f"{part.name}/{pair.name}" if k else pair.name
-    return input_hash(replace(pair, index=row.index, stamp=pair.stamp + part.offset, name=name), session)
+        return False
 
 
 def _refuse_untracked(result: RunResult, count: int, work: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from ..io.trajectory import write_tum
 from ..mapping.views import take_keyframes
 from ..types import BoolArray, FloatArray, Trajectory
 from ..vision.se3 import inverse, normalised
+from ..vision.slam.back_end.calibration_health import settle_offset
 from ..vision.slam.keyframes.keyframe import MapSnapshot
 from ..vision.slam.odometry import StereoOdometry
 from .evaluate import describe_errors, measured
@@ -27,6 +28,34 @@ from .offset_doubts import Warning_, border_doubts
 from .sequence import SequenceRun
 
 _LANDMARKS = "landmark_id", "xyz"
+
+
+def finish_path(sequence: SequenceRun) -> None:
+    """Come to the end of the path: all is adjusted together, if no step before has done that, and judged.
+
+    Parameters
+    ----------
+    sequence : SequenceRun
+        All pairs are processed; changed.
+    """
+    odometry = sequence.session.odometry
+    if not (isinstance(odometry, StereoOdometry) and getattr(sequence.source, "is_adjusted", False)):
+        sequence.session.finish()
+    elif not settle_offset(odometry.mapper.bias, odometry.map, odometry.rig, odometry.tracking.pose.sigma_uv):
+        adjust_path(odometry)
+
+
+def adjust_path(odometry: StereoOdometry) -> None:
+    """Adjust all keyframes together; the path goes with them.
+
+    Parameters
+    ----------
+    odometry : StereoOdometry
+        At the end of its path; changed.
+    """
+    before = list(odometry.map.keyframes)
+    odometry.path.pose = odometry.mapper.finish(odometry.path.pose)
+    odometry.path.follow(before, odometry.map)
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,6 +155,29 @@ def _rising(stamp: FloatArray, T: FloatArray) -> Trajectory:
     return Trajectory(stamp[first], T[first])
 
 
+def join_doubts(refused: Iterable[str], left_out: Iterable[str]) -> tuple[list[Warning_], list[Warning_]]:
+    """Make warnings of what a join of finished runs has to say.
+
+    Parameters
+    ----------
+    refused : iterable of str
+        Of each two runs whose shared places were not believed.
+    left_out : iterable of str
+        Of each run that the map is without.
+
+    Returns
+    -------
+    list of dict
+        Of the former, each a ``code`` and a ``message``.
+    list of dict
+        Of the latter.
+    """
+    return (
+        [{"code": "join_refused", "message": line} for line in refused],
+        [{"code": "join_left_out", "message": line} for line in left_out],
+    )
+
+
 def describe_recordings(sequence: SequenceRun) -> tuple[list[dict[str, Any]], list[Warning_]]:
     """Say of each recording of a run where its frames begin, how many are tracked, and what joined it to others.
 
@@ -144,15 +196,19 @@ def describe_recordings(sequence: SequenceRun) -> tuple[list[dict[str, Any]], li
     if not isinstance(sequence.source, JoinedSequence):
         return [], []
     standing = stand(sequence)
-    told = [_describe(sequence, sequence.source, standing, k) for k in range(len(sequence.source.names))]
-    doubts = [warning for one in told for warning in _doubts(one, told[0]["name"])]
+    joined = _joined_by(sequence, sequence.source, standing)
+    told = [_describe(sequence, sequence.source, standing, joined.get(k), k) for k in range(len(sequence.source.names))]
+    doubts = [*getattr(sequence.source, "left_out", ())]
+    doubts += [warning for one in told for warning in _doubts(one, told[0]["name"])]
     odometry = sequence.session.odometry
     if isinstance(odometry, StereoOdometry):
         doubts += border_doubts(odometry.mapper.bias, standing.recording, sequence.source.names)
     return told, doubts
 
 
-def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing, k: int) -> dict[str, Any]:
+def _describe(
+    sequence: SequenceRun, source: JoinedSequence, standing: Standing, joined_by: dict[str, Any] | None, k: int
+) -> dict[str, Any]:
     """What is said of recording k."""
     rows = [row for row, of in zip(sequence.tracked, standing.recording, strict=True) if of == k]
     home = standing.home(k)
@@ -167,7 +223,7 @@ def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing,
         "keyframes": sum(row.is_keyframe for row in rows),
         "relative_to": None if home < 0 else source.names[int(standing.recording[home])],
         "apart": int(((standing.recording == k) & (standing.origin != home)).sum()),
-        "joined_by": _joined_by(sequence, source, standing, k) if k else None,
+        "joined_by": joined_by,
         "loops_to_others": _loops_to_others(sequence, standing, k),
         "stamp_offset_s": float(source.offsets[k]),
         "trajectory": path_name(source.names[k]) if len(own) else None,
@@ -176,17 +232,47 @@ def _describe(sequence: SequenceRun, source: JoinedSequence, standing: Standing,
     }
 
 
-def _joined_by(sequence: SequenceRun, source: JoinedSequence, standing: Standing, k: int) -> dict[str, Any] | None:
-    """What first joined recording k to another: frames by their indices, and how many landmarks both saw."""
-    odometry, rows = sequence.session.odometry, sequence.tracked
-    assert isinstance(odometry, StereoOdometry)
-    for frame, earlier, landmarks in odometry.mapper.joins:
-        ends = {int(standing.recording[frame]), int(standing.recording[earlier])}
-        if k in ends and len(ends) == 2:
-            (other,) = ends - {k}
-            places = {"frame": rows[frame].index, "seen_from": rows[earlier].index}
-            return {"recording": source.names[other], **places, "landmarks": landmarks}
-    return None
+def _joined_by(sequence: SequenceRun, source: JoinedSequence, standing: Standing) -> dict[int, dict[str, Any]]:
+    """What joined recordings to those before: frames by their indices, and how many landmarks both saw."""
+    odometry, rows, told = sequence.session.odometry, sequence.tracked, {}
+    joins = odometry.mapper.joins if isinstance(odometry, StereoOdometry) else []
+    ends = [(int(standing.recording[frame]), int(standing.recording[earlier])) for frame, earlier, _ in joins]
+    for k, (other, n) in grow_tree(ends, len(source.names)).items():
+        frame, earlier, landmarks = joins[n]
+        places = {"frame": rows[frame].index, "seen_from": rows[earlier].index}
+        told[k] = {"recording": source.names[other], **places, "landmarks": landmarks}
+    return told
+
+
+def grow_tree(joins: Sequence[tuple[int, int]], count: int) -> dict[int, tuple[int, int]]:
+    """Find what joined recordings to the lowest one that they are joined to, directly or by others: none goes round.
+
+    Parameters
+    ----------
+    joins : sequence of (int, int)
+        Recordings that were joined, in the order of their frames.
+    count : int
+        How many recordings there are.
+
+    Returns
+    -------
+    dict of int to (int, int)
+        By the recording: the other one, and which of the joins; not of the lowest one of those that are joined.
+
+    Examples
+    --------
+    >>> grow_tree([(2, 1), (2, 0)], 4)
+    {2: (0, 1), 1: (2, 0)}
+    """
+    known, found = set[int](), dict[int, tuple[int, int]]()
+    for lowest in range(count):
+        known.add(lowest)
+        while leading := [n for n, (one, other) in enumerate(joins) if (one in known) != (other in known)]:
+            one, other = joins[leading[0]]
+            new, old = (other, one) if one in known else (one, other)
+            found[new] = old, leading[0]
+            known.add(new)
+    return found
 
 
 def _loops_to_others(sequence: SequenceRun, standing: Standing, k: int) -> int:

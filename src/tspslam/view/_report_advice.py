@@ -35,6 +35,11 @@ ADVICE = {
     "images_forgotten": (
         "Make room where temporary files go (TMPDIR names another place), or give images of old keyframes more memory."
     ),
+    "join_left_out": "Mend or run anew what the line names, and join again: the map is without it.",
+    "join_refused": (
+        "Nothing is to be done where two places look alike; where the runs do share one, join a further run that "
+        "passes it and a place of the others."
+    ),
     "map": "The path is there without a map: let keyframes overlap more, or take a longer piece of the sequence.",
     "map_parts": (
         "Trust each part by itself, not where parts stand to one another; a slower pass over the gap joins them."
@@ -77,6 +82,7 @@ REASONS = {
     "camera_lost": "the camera gave no more images",
     "frame_skipped": "pairs could not be used",
     "tracking_lost": "tracking was lost",
+    "join_left_out": "runs that were to be joined were left out",
     "not_joined": "a recording was not found in the map of the others",
     "apart": "frames of a recording stand nowhere in its path",
     "no_complex": "frames have a pose, but no surface",

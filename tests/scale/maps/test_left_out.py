@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.run.test_joining import of_another_version, with_another_state, without_record
-from tspslam import InputError
+from tspslam import InputError, load_run
 from tspslam.io import RunFolder
 from tspslam.run._checkpoint import unpack, write_checkpoint
 from tspslam.run.config import resolve
@@ -19,7 +19,7 @@ from tspslam.scale.maps.runs import find_runs
 from tspslam.scale.maps.states import _weighed
 
 from ...sequences import RIG, SETTINGS, corridor
-from .walks import PIECES, Piece, content, kill_at_pictures, spied, walk
+from .walks import PIECES, Piece, content, kill_at_pictures, spied, walk, without_warnings
 
 
 def without_a_frame(folder):
@@ -56,8 +56,14 @@ def test_a_broken_run_does_not_stop_the_others(runs, both, tmp_path, spoil, said
         assert said in result.left_out[str(tmp_path / "broken")]
         assert result.is_degraded
         assert sum("is left out" in note for note in notes) == 1
-        assert content(tmp_path / "map") == content(both)
+        assert without_warnings(tmp_path / "map") == without_warnings(both)
         assert sorted(path.name for path in tmp_path.iterdir()) == ["broken", "map"]
+        record = load_run(tmp_path / "map").record
+        assert record["status"] == "degraded"
+        (warning,) = [one["message"] for one in record["warnings"] if one["code"] == "join_left_out"]
+        assert said in warning
+        page = (tmp_path / "map" / "report.html").read_text("utf-8")
+        assert "Not complete:</b> runs that were to be joined were left out" in page
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -71,7 +77,7 @@ def test_killed_while_the_run_is_written_a_join_without_a_broken_run_goes_on(run
     result = join_runs(given, out)
     assert kinds == ["state"]  # of the broken one, again
     assert list(result.left_out) == [str(tmp_path / "broken")]
-    assert content(out) == content(both)
+    assert without_warnings(out) == without_warnings(both)
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ def test_a_run_whose_disparities_have_another_offset_is_left_out_by_name(runs, b
     for _ in range(2):
         result = join_runs(given, tmp_path / "map", on_note=notes.append)
         assert list(result.left_out) == [str(moved)]
-        assert content(tmp_path / "map") == content(both)
+        assert without_warnings(tmp_path / "map") == without_warnings(both)
     assert sum(f"{moved}: its disparities are off by +" in note for note in notes) == 2
     assert "expected one calibration: at most 0.5 px" in result.left_out[str(moved)]
     with pytest.raises(InputError, match=r"1 of 2 runs can be joined.* its disparities are off by -"):

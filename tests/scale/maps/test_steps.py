@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from tspslam import OutputError
+from tspslam import OutputError, load_run
 from tspslam.scale.cluster import Workers
 from tspslam.scale.job import Outcome
 from tspslam.scale.maps import assembling, joining, steps
@@ -18,7 +18,7 @@ from tspslam.vision.slam.back_end.map_joining import join_maps
 
 from .walks import content, kill_at_pictures, spied
 
-KINDS = "state", "candidates", "shared", "frames", "map"
+KINDS = "state", "candidates", "shared", "frames", "map", "adjustment"
 NAMES = "start", "middle"
 
 
@@ -63,16 +63,24 @@ def test_in_any_order_and_with_any_split_the_bytes_are_the_same(runs, both, tmp_
     assert content(tmp_path / "map") == content(both)
 
 
-def test_places_that_do_not_agree_with_others_are_named(runs, both, tmp_path, monkeypatch):
+def test_places_that_do_not_agree_with_others_are_named_in_the_run_and_on_its_page(runs, tmp_path, monkeypatch):
     def join(*given):
         found = join_maps(*given)
         return replace(found, refused=found.shared)
 
     monkeypatch.setattr(assembling, "join_maps", join)
-    folders, said = [runs[0] / name for name in NAMES], []
-    join_runs(folders, tmp_path / "map", on_note=said.append)
-    assert sum(f"{folders[1]}: " in line and f"places of {folders[0]} " in line for line in said) == 1
-    assert content(tmp_path / "map") == content(both)
+    folders = [runs[0] / name for name in NAMES]
+    result = join_runs(folders, tmp_path / "map")
+    (said,) = [one["message"] for one in result.run.run["warnings"] if one["code"] == "join_refused"]
+    assert said.startswith("middle: ")
+    assert "places of start that are not where other places have them" in said
+    assert result.run.run["status"] == "complete"
+    assert said in (tmp_path / "map" / "report.html").read_text("utf-8")
+    before = content(tmp_path / "map")
+    join_runs(folders, tmp_path / "map")  # the steps that said so are gone
+    assert content(tmp_path / "map") == before
+    join_runs([tmp_path / "map", runs[0] / "end"], tmp_path / "more")
+    assert said in [one["message"] for one in load_run(tmp_path / "more").record["warnings"]]
 
 
 @pytest.mark.parametrize("count", [0, 1, 49, 50, 51, 400, 401, 100_000])

@@ -1,5 +1,6 @@
 """Runs of pieces of one walk, and of another one, for the tests of joins."""
 
+import json
 import os
 import signal
 from dataclasses import dataclass
@@ -69,6 +70,14 @@ def content(folder):
     """Bytes of every file of a run but what may vary."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != "timings.json")
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def without_warnings(folder):
+    """The same, but for the files that say what a run warns of."""
+    told = "run.json", "report.html", "manifest.jsonl"
+    files = {name: data for name, data in content(folder).items() if name not in told}
+    record = json.loads((folder / "run.json").read_text())
+    return files, {name: value for name, value in record.items() if name not in ("warnings", "status")}
 
 
 def spied(monkeypatch, kinds):

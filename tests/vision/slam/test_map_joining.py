@@ -12,7 +12,7 @@ from tspslam.vision.slam.back_end import map_joining
 from tspslam.vision.slam.back_end.map_joining import join_maps
 from tspslam.vision.slam.places.agreement import agreeing
 from tspslam.vision.slam.places.settings import LoopSettings
-from tspslam.vision.slam.places.shared_places import SharedPlaces, find_candidates
+from tspslam.vision.slam.places.shared_places import SharedPlaces
 
 from .loop_maps import NOISE, error, looped, sights
 
@@ -155,21 +155,3 @@ def test_chosen_places_keep_their_sights():
     assert np.array_equal(moved.keyframe - 5, shared.keyframe)
     assert np.array_equal(moved.place - 7, shared.place)
     assert np.array_equal(moved.landmark_id - 11, shared.landmark_id)
-
-
-def test_candidates_are_the_same_pairs_whichever_map_is_asked():
-    rng = np.random.default_rng(0)
-    maps = []
-    for seed in (0, 1):
-        world, _ = looped(12, seed=seed)
-        world.descriptors = rng.integers(0, 2**63, (len(world.xyz), 4), dtype=np.uint64)
-        maps.append(world)
-    same = min(map(len, (maps[0].keyframes[3].landmark, maps[1].keyframes[7].landmark)))
-    maps[1].descriptors[maps[1].keyframes[7].landmark[:same]] = maps[0].descriptors[
-        maps[0].keyframes[3].landmark[:same]
-    ]
-    there, back = find_candidates(maps[0], maps[1], LOOPS), find_candidates(maps[1], maps[0], LOOPS)
-    assert [7, 3] in there.tolist()
-    assert [3, 7] in back.tolist()
-    assert there[there[:, 0] == 7][0].tolist() == [7, 3]
-    assert np.array_equal(there[:, 0], np.sort(there[:, 0]))

@@ -12,9 +12,10 @@ import numpy as np
 from ..._atomic import write_bytes
 from ...run._checkpoint import read_checkpoint, write_checkpoint
 from ...run.continuing import restore_odometry
+from ...run.joining import adjust_path
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY
-from ...types import FloatArray, Image
+from ...types import FloatArray
 from ...vision.slam.back_end.map_joining import JoinedParts, join_maps
 from ...vision.slam.locating.locator import covariance_against_keyframe
 from ...vision.slam.locating.path_covariance import Links
@@ -23,7 +24,7 @@ from ...vision.slam.places.shared_places import SharedPlaces
 from ...vision.slam.pose import PoseEstimate
 from ...vision.slam.tracking import refine_pose
 from .joined_runs import JoinedRuns
-from .states import concatenate_states, image_reader
+from .states import concatenate_states, joined_reader
 
 
 def assemble(
@@ -33,7 +34,7 @@ def assemble(
     target: Path,
     said: Path,
 ) -> None:
-    """Write the checkpoint of a run of all recordings, whose end is still to be adjusted, and remarks on it.
+    """Write the checkpoint of a run of all recordings, which is still to be adjusted, and remarks on it.
 
     Parameters
     ----------
@@ -49,19 +50,32 @@ def assemble(
         A line each for the pairs of runs whose places were not believed.
     """
     read = [read_checkpoint(path, MADE_BY) for path in states]
-    readers = [image_reader(run, rows) for run, (rows, _) in zip(joined.runs, read, strict=True)]
-
-    def image_of(number: int) -> Image:
-        r = bisect_right(joined.first_tracked, number) - 1
-        return readers[r](number - joined.first_tracked[r])
-
     rows = [row for r, (own, _) in enumerate(read) for row in joined.rows(r, own)]
     state = concatenate_states(joined, [state for _, state in read])
     state["stamps"] = np.array([row.stamp for row in rows if isinstance(row, FrameRecord)])
-    odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, image_of)
+    odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, joined_reader(joined, rows))
     try:
         found = _join(odometry, SharedPlaces.joined([_numbered(joined, i, j, one) for i, j, one in shared]))
         write_bytes(said, "".join(_refusals(joined, found.refused)).encode())
+        write_checkpoint(target, MADE_BY, rows, odometry.state())
+    finally:
+        odometry.close()
+
+
+def adjust(joined: JoinedRuns, before: Path, target: Path) -> None:
+    """Write the checkpoint of a run of all recordings, adjusted.
+
+    Parameters
+    ----------
+    joined : JoinedRuns
+        The runs.
+    before, target : Path
+        What `assemble` wrote, and the checkpoint.
+    """
+    rows, state = read_checkpoint(before, MADE_BY)
+    odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, joined_reader(joined, rows))
+    try:
+        adjust_path(odometry)
         write_checkpoint(target, MADE_BY, rows, odometry.state())
     finally:
         odometry.close()
@@ -77,9 +91,10 @@ def _refusals(joined: JoinedRuns, refused: SharedPlaces) -> Iterator[str]:
     ends = zip(refused.keyframe.tolist(), refused.place.tolist(), strict=True)
     pairs = Counter(tuple(bisect_right(joined.first_tracked, frame) - 1 for frame in pair) for pair in ends)
     for (own, other), count in pairs.items():
+        name, seen = (joined.names[joined.first[r]] for r in (own, other))
         yield (
-            f"{joined.runs[own].path}: {count} of its keyframes look like places of {joined.runs[other].path} that are "
-            "not where other places have them: not believed\n"
+            f"{name}: {count} of its keyframes look like places of {seen} that are not where other places have them: "
+            "not believed\n"
         )
 
 

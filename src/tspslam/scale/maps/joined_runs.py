@@ -11,6 +11,7 @@ import numpy as np
 
 from ...datasets.joined import JoinedSequence
 from ...io.frames import renumber_frame
+from ...run.joining import join_doubts
 from ...run.record import FrameRecord, Row
 from ...types import FloatArray, Rig, StereoPair
 from .runs import FinishedRun
@@ -39,6 +40,8 @@ class JoinedRuns(JoinedSequence):
     ----------
     runs : sequence of FinishedRun
         Two or more, of one rig.
+    refused, left_out : sequence of str
+        What is to be said of places that were not believed, and of runs that could not be joined.
 
     Attributes
     ----------
@@ -50,19 +53,30 @@ class JoinedRuns(JoinedSequence):
         Which recording is the first of each run.
     first_pair, first_tracked, first_id : tuple of int
         What is added to the numbers of the pairs, the tracked frames and the landmarks of each run.
+    left_out : list of dict
+        Warnings, each a ``code`` and a ``message``: of runs that the map is without.
     """
 
-    def __init__(self, runs: Sequence[FinishedRun]) -> None:
+    is_adjusted = True
+    """A step before has adjusted the map."""
+
+    def __init__(self, runs: Sequence[FinishedRun], refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> None:
         self.runs, own = tuple(runs), [part for run in runs for part in run.parts]
         kept = len(runs[0].parts)
         moving = [_Moving(part.name, part.rig, part.count, part.stamps) for part in own[kept:]]
         offsets = JoinedSequence([*own[:kept], *moving]).offsets
         super().__init__([replace(part, offset=float(offset)) for part, offset in zip(own, offsets, strict=True)])
         self.joined_from = tuple(run.state for run in runs)
+        self._refused, self.left_out = join_doubts(refused, left_out)
         self.first = _starts(len(run.parts) for run in runs)
         self.first_pair = _starts(run.pairs for run in runs)
         self.first_tracked = _starts(run.tracked for run in runs)
         self.first_id = _starts(run.next_id for run in runs)
+
+    @property
+    def warnings(self) -> list[dict[str, str]]:
+        """What is to be doubted of the recordings, and places that were not believed."""
+        return [*super().warnings, *self._refused]
 
     def rows(self, r: int, own: Sequence[Row]) -> list[Row]:
         """Number the rows of a run among those of all.

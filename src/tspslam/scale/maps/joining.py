@@ -24,7 +24,7 @@ from ..dispatching import Dispatcher
 from ..job import Outcome
 from .offsets import unlike_offsets
 from .runs import find_runs
-from .steps import FRAMES, Plan, Step, cut, run_step
+from .steps import FRAMES, PARTS, Plan, Step, cut, run_step
 from .writing import check_out, is_of_fewer, write_run
 
 Outcomes = Callable[[Sequence[Step]], Iterator[tuple[Step, Outcome]]]
@@ -122,8 +122,7 @@ def join_runs(
             join.say(f"{path} is left out: {why}")
         if is_of_fewer(place, join.plan) or not check_out(place, join.plan):
             join.make(workers, place)
-        join.say_remarks()
-        result = write_run(join.plan, place, on_step)
+        result = write_run(join.plan, place, join.left_out, on_step)
         _clear(folder)
     return JoinResult(RunResult(Path(out), result.run, result.times), join.left_out)
 
@@ -196,30 +195,23 @@ class _Join:
             said = f"{len(self.plan.runs)} of {count} runs can be joined, expected {_FEWEST} or more"
             raise InputError(one_line(f"{said}; {why}" if why else said))
 
-    def say_remarks(self) -> None:
-        """Say what was found when the map was made; nothing, where that is long ago."""
-        with contextlib.suppress(FileNotFoundError):
-            for line in self.plan.remarks.read_text("utf-8").splitlines():
-                self.say(line)
-
     def make(self, workers: Workers | None, out: Path) -> None:
         """Do what is not done yet for a run folder."""
-        if self.plan.file("map").is_file():
+        if self.plan.file("adjustment").is_file():
             return
         with self._ticket() as ticket:
             if workers is None:
-                self._do_all(_here, Step("map", self.plan, (), ticket), out)
+                self._do_all(_here, Step("state", self.plan, (), ticket), out)
                 return
             paths = [ticket, *(run.path for run in self.plan.runs)]
             with connected(workers, self._most(), paths) as (client, threads, said):
                 self.say(said)
-                like = Step("map", self.plan, (), ticket, os.path.basename(ticket), threads)
+                like = Step("state", self.plan, (), ticket, os.path.basename(ticket), threads)
                 self._do_all(Dispatcher(client, run_step, self.say).outcomes, like, out)
 
     def _most(self) -> int:
         """How many steps there may be at a time."""
-        parts = sum(len(cut(run.stored, FRAMES)) for run in self.plan.runs)
-        return max(len(self.plan.runs), len(self.plan.pairs), parts)
+        return len(self.plan.runs) * PARTS
 
     @contextlib.contextmanager
     def _ticket(self) -> Iterator[str]:
@@ -241,13 +233,13 @@ class _Join:
         if self._is_there(out, new):
             return
         plan = self.plan
-        _require(self._follow(outcomes, self._steps(like, "candidates", plan.pairs)))
-        parts = [(i, j, part) for i, j in plan.pairs for part in range(len(plan.candidates(i, j)))]
         moved = [(r, run) for r, run in enumerate(plan.runs) if r or not run.is_numbered]
         frames = [(r, part) for r, run in moved for part in range(len(cut(run.stored, FRAMES)))]
-        both = [*self._steps(like, "shared", parts), *self._steps(like, "frames", frames)]
+        both = [*self._steps(like, "candidates", [()]), *self._steps(like, "frames", frames)]
         _require(self._follow(outcomes, both))
-        _require(self._follow(outcomes, self._steps(like, "map", [()])))
+        shared = [(i, j, part) for (i, j), parts in plan.candidates().items() for part in range(len(parts))]
+        for kind, which in (("shared", shared), ("map", [()]), ("adjustment", [()])):
+            _require(self._follow(outcomes, self._steps(like, kind, which)))
 
     def _steps(self, like: Step, kind: str, which: Sequence[tuple[int, ...]]) -> list[Step]:
         return [replace(like, kind=kind, plan=self.plan, which=each) for each in which]

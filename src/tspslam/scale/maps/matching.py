@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,14 +14,17 @@ from ...io._form import Form, read_arrays, write_arrays
 from ...run._checkpoint import read_checkpoint
 from ...run.continuing import restore_odometry
 from ...run.sequence import MADE_BY
+from ...vision.features.binary import Descriptors
 from ...vision.slam.odometry import StereoOdometry
+from ...vision.slam.places.candidates import find_candidates
 from ...vision.slam.places.loop_closing import PlaceRecognition
-from ...vision.slam.places.shared_places import SharedPlaces, find_candidates, verify
+from ...vision.slam.places.settings import LoopSettings
+from ...vision.slam.places.shared_places import SharedPlaces, verify
 from .runs import FinishedRun
 from .states import image_reader
 
 _ANEW = "the same command makes it anew"
-_CANDIDATES = Form("candidates of a join", 1, {"candidates": ("<i8", ("c", 2))}, _ANEW, lambda arrays, lengths: None)
+_CANDIDATES = Form("candidates of a join", 2, {"candidates": ("<i8", ("c", 4))}, _ANEW, lambda arrays, lengths: None)
 _SHARED = Form(
     "shared places of a join", 1,
     {
@@ -47,21 +50,25 @@ def _opened(run: FinishedRun, state: Path) -> Iterator[StereoOdometry]:
         odometry.close()
 
 
-def write_candidates(runs: tuple[FinishedRun, FinishedRun], states: tuple[Path, Path], target: Path) -> None:
-    """Look up the keyframes of the second of two runs among those of the first.
+def write_candidates(states: Sequence[Path], loops: LoopSettings, target: Path) -> None:
+    """Look up the keyframes of runs among those of all others.
 
     Parameters
     ----------
-    runs : tuple of 2 FinishedRun
-        The runs.
-    states : tuple of 2 Path
+    states : sequence of Path
         Their checkpoints at the end of their paths.
+    loops : LoopSettings
+        How.
     target : Path
         Where candidates go.
     """
-    with _opened(runs[0], states[0]) as first, _opened(runs[1], states[1]) as second:
-        found = find_candidates(first.map, second.map, first.tracking.loops)
-    write_arrays(target, _CANDIDATES, {"candidates": found})
+    write_arrays(target, _CANDIDATES, {"candidates": find_candidates([_shown(state) for state in states], loops)})
+
+
+def _shown(state: Path) -> list[Descriptors]:
+    """Descriptors of what each keyframe of a run sees."""
+    arrays = read_checkpoint(state, MADE_BY)[1]
+    return np.split(arrays["descriptors"][arrays["landmark"]], np.cumsum(arrays["keyframe_observations"])[:-1])
 
 
 def read_candidates(path: Path) -> NDArray[np.int64]:
@@ -74,7 +81,8 @@ def read_candidates(path: Path) -> NDArray[np.int64]:
 
     Returns
     -------
-    (C, 2) int64
+    (C, 4) int64
+        As `find_candidates` gives them.
     """
     return read_arrays(path, _CANDIDATES, lambda arrays: arrays["candidates"])
 

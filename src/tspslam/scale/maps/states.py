@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -79,6 +80,32 @@ def image_reader(run: FinishedRun, rows: Sequence[Row]) -> Callable[[int], Image
     folder = RunFolder.open(run.path)
     places = [run.frames[row.index] for row in rows if isinstance(row, FrameRecord)]
     return lambda number: read_frame_image(folder.finished_frame(places[number]))
+
+
+def joined_reader(joined: JoinedRuns, rows: Sequence[Row]) -> Callable[[int], Image]:
+    """Make what reads left images of the tracked frames of several runs.
+
+    Parameters
+    ----------
+    joined : JoinedRuns
+        The runs.
+    rows : sequence of FrameRecord or SkippedPair
+        Their rows, as they are numbered among those of all.
+
+    Returns
+    -------
+    callable
+        Of the number of a tracked frame among those of all.
+    """
+    folders = [RunFolder.open(run.path) for run in joined.runs]
+    places = [row.index for row in rows if isinstance(row, FrameRecord)]
+
+    def image_of(number: int) -> Image:
+        r = bisect_right(joined.first_pair, places[number]) - 1
+        own = joined.runs[r].frames[places[number] - joined.first_pair[r]]
+        return read_frame_image(folders[r].finished_frame(own))
+
+    return image_of
 
 
 def concatenate_states(joined: JoinedRuns, states: Sequence[Arrays]) -> Arrays:

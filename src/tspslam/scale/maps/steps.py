@@ -18,7 +18,7 @@ from ...run._stored_rows import text_of
 from ...run.record import FrameRecord, hash_of
 from ...run.sequence import MADE_BY
 from ..job import Outcome, attempt
-from .assembling import assemble
+from .assembling import adjust, assemble
 from .joined_runs import JoinedRuns
 from .matching import read_candidates, read_shared, write_candidates, write_shared
 from .runs import FinishedRun
@@ -30,7 +30,7 @@ FRAMES = 50
 """Frames that one step numbers anew, at least: likewise."""
 PARTS = 8
 """Steps that such a task is cut into at most: each reads the states of its runs, however little is left to do."""
-_RUNS = {"state": 1, "candidates": 2, "shared": 2}  # that a step looks at; others at all
+_ABOUT = {"state": 1, "shared": 2, "frames": 1}  # numbers of runs in what a step is of
 _DIGITS = 16  # hexadecimal, of a digest in a name: two of 2**32 are the same by chance
 
 
@@ -83,13 +83,7 @@ class Plan:
     @property
     def digest(self) -> str:
         """Hash of all that the joined map is made from."""
-        return self._hash("joined", self.runs)
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Numbers of each two runs."""
-        count = len(self.runs)
-        return [(i, j) for i in range(count) for j in range(i + 1, count)]
+        return self._hash("joined and adjusted", self.runs)
 
     def file(self, kind: str, *which: int) -> Path:
         """Name the file that is there once a step is done, by all that it is made from.
@@ -103,8 +97,9 @@ class Plan:
         -------
         Path
         """
-        runs = tuple(self.runs[r] for r in which[: _RUNS[kind]]) if kind in _RUNS else self.runs
-        part = "-".join(map(str, which[_RUNS.get(kind, 0) :]))
+        is_of_one = kind == "state"
+        runs = (self.runs[which[0]],) if is_of_one else self.runs
+        part = "" if is_of_one else "-".join(map(str, which))
         digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES} {PARTS}", runs)[:_DIGITS]
         return Path(self.folder) / f"{kind}-{digest}{'.done' if kind == 'frames' else '.npz'}"
 
@@ -132,26 +127,28 @@ class Plan:
         """The file of what is to be said of the joined map."""
         return self.file("map").with_suffix(".txt")
 
-    def candidates(self, i: int, j: int) -> list[NDArray[np.int64]]:
-        """Read the candidates that two runs have, in parts of some keyframes.
-
-        Parameters
-        ----------
-        i, j : int
-            Which runs.
+    def candidates(self) -> dict[tuple[int, int], list[NDArray[np.int64]]]:
+        """Read the candidates that each two runs have, in parts of some keyframes.
 
         Returns
         -------
-        list of (C, 2) int64
-            As `find_candidates` gives them.
+        dict of (int, int) to list of (C, 2) int64
+            Which runs, and of each part the keyframe of the second run and that of the first.
         """
-        found = read_candidates(self.file("candidates", i, j))
-        keyframes = np.unique(found[:, 0])
-        return [found[np.isin(found[:, 0], keyframes[part])] for part in cut(len(keyframes), KEYFRAMES)]
+        found = read_candidates(self.file("candidates"))
+        pairs, starts = np.unique(found[:, [0, 2]], axis=0, return_index=True)
+        each = np.split(found[:, [3, 1]], starts[1:])
+        return {(i, j): _in_parts(own) for (i, j), own in zip(pairs.tolist(), each, strict=True)}
 
     @staticmethod
     def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
         return hash_of([MADE_BY.decode(), kind, [run.state for run in runs]])
+
+
+def _in_parts(found: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Candidates of two runs, some keyframes in each part."""
+    keyframes = np.unique(found[:, 0])
+    return [found[np.isin(found[:, 0], keyframes[part])] for part in cut(len(keyframes), KEYFRAMES)]
 
 
 @dataclass(frozen=True)
@@ -161,7 +158,7 @@ class Step:
     Attributes
     ----------
     kind : str
-        "state", "candidates", "shared", "frames" or "map".
+        "state", "candidates", "shared", "frames", "map" or "adjustment".
     plan : Plan
         Of the join.
     which : tuple of int
@@ -187,7 +184,8 @@ class Step:
     @property
     def source(self) -> str:
         """What it is about, for people."""
-        return " and ".join(self.plan.runs[r].path for r in self.which[:2]) or self.plan.folder
+        about = self.which[: _ABOUT.get(self.kind, 0)]
+        return " and ".join(self.plan.runs[r].path for r in about) or self.plan.folder
 
     @property
     def target(self) -> Path:
@@ -225,16 +223,13 @@ def _make_state(plan: Plan, target: Path, r: int) -> None:
     finish_state(plan.runs[r], target)
 
 
-def _make_candidates(plan: Plan, target: Path, i: int, j: int) -> None:
-    write_candidates((plan.runs[i], plan.runs[j]), _states(plan, i, j), target)
-
-
-def _states(plan: Plan, i: int, j: int) -> tuple[Path, Path]:
-    return plan.file("state", i), plan.file("state", j)
+def _make_candidates(plan: Plan, target: Path) -> None:
+    write_candidates(plan.states, plan.runs[0].settings.settings.tracking.loops, target)
 
 
 def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
-    write_shared((plan.runs[i], plan.runs[j]), _states(plan, i, j), plan.candidates(i, j)[part], target)
+    states = plan.file("state", i), plan.file("state", j)
+    write_shared((plan.runs[i], plan.runs[j]), states, plan.candidates()[i, j][part], target)
 
 
 def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
@@ -256,10 +251,14 @@ def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
 def _make_map(plan: Plan, target: Path) -> None:
     shared = [
         (i, j, read_shared(plan.file("shared", i, j, part)))
-        for i, j in plan.pairs
-        for part in range(len(plan.candidates(i, j)))
+        for (i, j), parts in plan.candidates().items()
+        for part in range(len(parts))
     ]
     assemble(plan.joined, plan.states, shared, target, plan.remarks)
+
+
+def _make_adjustment(plan: Plan, target: Path) -> None:
+    adjust(plan.joined, plan.file("map"), target)
 
 
 _MAKERS: dict[str, Callable[..., None]] = {
@@ -268,4 +267,5 @@ _MAKERS: dict[str, Callable[..., None]] = {
     "shared": _make_shared,
     "frames": _make_frames,
     "map": _make_map,
+    "adjustment": _make_adjustment,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from ...io import RunFolder
@@ -15,7 +16,10 @@ from ...run.continuing import link_file
 from ...run.pipeline import RunResult, run, settings_of
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY, STATE_NAME
+from .joined_runs import JoinedRuns
 from .steps import Plan
+
+_RECORD = "run.json"
 
 
 def check_out(out: Path, plan: Plan) -> bool:
@@ -31,7 +35,7 @@ def check_out(out: Path, plan: Plan) -> bool:
     Returns
     -------
     bool
-        Whether it has the joined state already.
+        Whether it has the joined state already, and what is to be said of that is known.
 
     Raises
     ------
@@ -41,7 +45,10 @@ def check_out(out: Path, plan: Plan) -> bool:
     if not _is_begun(out):
         return False
     settle_config(out, plain(settings_of(plan.joined, None, plan.runs[0].settings)))
-    return STATE_NAME in RunFolder.open(out).units
+    folder = RunFolder.open(out)
+    state, record = (folder.units.get(name) for name in (STATE_NAME, _RECORD))
+    is_told = record is not None and folder.is_done(out / _RECORD, input_hash=record.input)
+    return state is not None and state.input == plan.digest and (is_told or plan.remarks.is_file())
 
 
 def is_of_fewer(out: Path, plan: Plan) -> bool:
@@ -77,8 +84,8 @@ def _is_begun(out: Path) -> bool:
     return is_run_folder(out) and bool(read_manifest(out / MANIFEST)[0])
 
 
-def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
-    """Write the run of a join whose state is there: the end of the path, the map, pictures and report.
+def write_run(plan: Plan, out: Path, left_out: Mapping[str, str], on_step: OnStep | None) -> RunResult:
+    """Write the run of a join whose state is there: what its calibration is like, the map, pictures and report.
 
     Parameters
     ----------
@@ -86,6 +93,8 @@ def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
         Of the join.
     out : Path
         The run folder.
+    left_out : dict of str to str
+        Why runs were left out, by their paths.
     on_step : callable or None
         As for `tspslam.run.pipeline.run`.
 
@@ -94,15 +103,26 @@ def write_run(plan: Plan, out: Path, on_step: OnStep | None) -> RunResult:
     RunResult
     """
     settings = plan.runs[0].settings
-    with RunFolder.create(out, settings_of(plan.joined, None, settings)) as folder:
-        if STATE_NAME not in folder.units:
+    source = JoinedRuns(
+        plan.runs, _refused(plan, out), [f"{path} is left out: {why}" for path, why in left_out.items()]
+    )
+    with RunFolder.create(out, settings_of(source, None, settings)) as folder:
+        if not folder.is_done(out / STATE_NAME, input_hash=plan.digest):
             _bring(plan, folder)
-    return run(plan.joined, out, settings, on_step=on_step)
+    return run(source, out, settings, on_step=on_step)
+
+
+def _refused(plan: Plan, out: Path) -> list[str]:
+    """What is to be said of places that were not believed: as the step says, or the run, once that is there."""
+    if plan.remarks.is_file():
+        return plan.remarks.read_text("utf-8").splitlines()
+    warnings = RunFolder.open(out).read_run().get("warnings", [])
+    return [one["message"] for one in warnings if one["code"] == "join_refused"]
 
 
 def _bring(plan: Plan, folder: RunFolder) -> None:
     """Bring the frames, and the state: that counts once all is there."""
-    rows, _ = read_checkpoint(plan.file("map"), MADE_BY)
+    rows, _ = read_checkpoint(plan.file("adjustment"), MADE_BY)
     first = RunFolder.open(plan.runs[0].path)
     for row in rows:
         if not isinstance(row, FrameRecord) or row.complex_ is None:
@@ -114,5 +134,5 @@ def _bring(plan: Plan, folder: RunFolder) -> None:
         for suffix in (".npz", ".json"):
             link_file(file.with_suffix(suffix), target.with_suffix(suffix))
             folder.record(target.with_suffix(suffix), input_hash=row.input_hash)
-    link_file(plan.file("map"), folder.path / STATE_NAME)
+    link_file(plan.file("adjustment"), folder.path / STATE_NAME)
     folder.record(folder.path / STATE_NAME, input_hash=plan.digest)

@@ -16,7 +16,6 @@ from ...se3 import inverse, rotation_angle
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..pose import PoseEstimate
-from .index import PlaceIndex
 from .loop_closing import PlaceRecognition
 from .settings import LoopSettings
 
@@ -123,57 +122,6 @@ class SharedPlaces(Brief):
         )  # fmt: skip
 
 
-def find_candidates(map_: Map, other: Map, loops: LoopSettings) -> NDArray[np.int64]:
-    """Find keyframes of another map that look like some of a map's, as either map has it.
-
-    Any word in common makes a candidate, as nothing but its looks leads to another map; of `min_words`, it makes one
-    for the keyframes beside it too. The first and the last keyframes of the two are always tried: where a recording was
-    cut, one map begins where the other ends.
-
-    Parameters
-    ----------
-    map_ : Map
-        Where places are looked for.
-    other : Map
-        Whose keyframes are looked up.
-    loops : LoopSettings
-        How many are named for each keyframe (`lost_candidates`), and when those beside it are (`min_words`).
-
-    Returns
-    -------
-    (C, 2) int64
-        Which keyframe of the other map, ascending, and which of the map: the most similar first.
-    """
-    words = _words_shared(map_, other, loops.lost_candidates)
-    for (place, k), count in _words_shared(other, map_, loops.lost_candidates).items():
-        words[k, place] = max(count, words.get((k, place), 0.0))
-    found: dict[int, list[int]] = {k: [] for k in range(len(other.keyframes))}
-    ranked = sorted(words.items(), key=lambda one: (-one[1], one[0]))
-    for (k, place), _ in ranked:
-        if len(found[k]) < loops.lost_candidates:
-            found[k].append(place)
-    for (k, place), count in ranked:
-        for beside in (k - 1, k + 1):
-            if count >= loops.min_words and beside in found and place not in found[beside]:
-                found[beside].append(place)
-    for k in (0, len(other.keyframes) - 1):
-        found[k] += [end for end in dict.fromkeys((0, len(map_.keyframes) - 1)) if end not in found[k]]
-    pairs = [(k, place) for k, places in found.items() for place in places]
-    return np.array(pairs, np.int64).reshape(-1, 2)
-
-
-def _words_shared(map_: Map, other: Map, most: int) -> dict[tuple[int, int], float]:
-    """Words that keyframes of another map share with the most similar ones of a map, by (other, map)."""
-    index = PlaceIndex()
-    for place, frame in enumerate(map_.keyframes):
-        index.add(place, _shown(map_, frame))
-    words = {}
-    for k, frame in enumerate(other.keyframes):
-        for place, count in zip(*index.query(_shown(other, frame), most), strict=True):
-            words[k, int(place)] = float(count)
-    return words
-
-
 def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64], clear_share: float) -> SharedPlaces:
     """Prove candidates by geometry: landmarks of the map, and the keyframe beside it.
 
@@ -188,7 +136,7 @@ def verify(places: PlaceRecognition, other: Map, candidates: NDArray[np.int64], 
     other : Map
         Whose keyframes are looked up, with their images.
     candidates : (C, 2) int64
-        As `find_candidates` gives them.
+        Which keyframe of the other map, ascending, and which of the map, in the order in which they are tried.
     clear_share : float
         That share (`TrackingSettings.clear_share`).
 
