@@ -5,8 +5,15 @@ import pytest
 
 from tspslam.datasets import synthetic
 from tspslam.datasets.synthetic import shapes
+from tspslam.datasets.synthetic.texture import leaves
+from tspslam.vision.features.binary import binary_descriptors
+from tspslam.vision.images import build_pyramid
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.odometry import StereoOdometry
+from tspslam.vision.slam.places.loop_closing import PlaceRecognition
+from tspslam.vision.slam.places.settings import LoopSettings
+from tspslam.vision.slam.pose import PoseEstimate
+from tspslam.vision.slam.tracking import TrackingSettings
 
 from ...sequences import DETECTOR, SMALL_RIG
 
@@ -90,3 +97,47 @@ def test_what_looks_alike_closes_no_loop(place, apart, most):
     odometry.finish()
     off = inverse(inverse(sequence.truth[0]) @ sequence.truth) @ odometry.trajectory.T_world_camera
     assert np.linalg.norm(off[:, :3, 3], axis=1).max() < most
+
+
+LENGTH, STEP = 8.0, 0.5  # m
+
+
+def hall(z, walls, floor):
+    """A stretch of a corridor: patterns of its left and right wall, and that of floor and ceiling."""
+    middle = z + LENGTH / 2
+    for side, image in zip((-1, 1), walls, strict=True):
+        wall = synthetic.plane(LENGTH, 2.7, texture=synthetic.Texture(texel=0.01, image=image))
+        yield wall.at(side * 1.3, 0.05, middle, turn=(0, WALL, 0))
+        level = synthetic.plane(2.6, LENGTH, texture=synthetic.Texture(texel=0.01, image=floor))
+        yield level.at(0, 0.05 + side * 1.35, middle, turn=(WALL, 0, 0))
+
+
+@pytest.mark.parametrize("is_mirrored", [True, False])
+def test_the_mirror_image_of_a_corridor_is_another_place(is_mirrored):
+    """Without a bound on what the path may have drifted, the copy of a corridor is taken for it; its image is not."""
+    left, right, floor, other = (leaves(k) for k in range(4))
+    again = ((right, left), floor[:, ::-1].copy()) if is_mirrored else ((left, right), floor)
+    between = (other, other), (other[:, ::-1] + other) / 2  # the same in a mirror
+    halls = [hall(k * LENGTH, *each) for k, each in enumerate([((left, right), floor), between, again, between])]
+    path = np.array([shapes.pose_at((0, 0, STEP * k)) for k in range(int(2.3 * LENGTH / STEP))])
+    scene = synthetic.Scene(tuple(one for things in halls for one in things), path, background=0.9)
+    sequence = synthetic.SyntheticSequence(scene, SMALL_RIG, synthetic.Faults(noise=0.01))
+    first, image = (sequence[k].left.astype(float) for k in (2, 2 + int(2 * LENGTH / STEP)))
+    more = round(2 * SMALL_RIG.cx) - (SMALL_RIG.width - 1)  # columns: the mirror is before the lens
+    same = image[:, ::-1][:, :-more] if is_mirrored else image[:, more:]
+    assert np.median(np.abs(first[:, more:] - same)) < 12  # grey levels: the two do look alike
+    odometry = StereoOdometry(SMALL_RIG, detector=DETECTOR)
+    tracked = [odometry.process(pair) for pair in sequence]
+    assert not any(one.is_lost for one in tracked)
+    assert odometry.loops == 0
+    odometry.finish()
+    off = inverse(inverse(sequence.truth[0]) @ sequence.truth) @ odometry.trajectory.T_world_camera
+    assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 0.2
+    last, pair = odometry.map.keyframes[-1], sequence[len(sequence) - 1]
+    estimate = PoseEstimate(last.T_world_camera, last.landmark, last.uv, last.disparity, np.eye(6))
+    boundless = PlaceRecognition(odometry.map, TrackingSettings(), LoopSettings(drift_rate=1.0, drift_slack=1.0))
+    features = DETECTOR(pair.left)
+    found = boundless.detect_loop(
+        build_pyramid(pair.left), estimate, features.uv, binary_descriptors(features.descriptor)
+    )
+    assert (found is None) is is_mirrored

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tspslam import InputError, Trajectory, evaluate_trajectory
 from tspslam.datasets import synthetic
@@ -270,6 +271,18 @@ def test_a_place_far_away_needs_two_keyframes_that_agree_or_very_many_landmarks(
     world.descriptors[world.keyframes[-1].landmark] ^= np.uint64(0x5A5A5A5A5A5A5A5A)
     assert asked_again(walk, journeyed, 30.0, all_are_few)[0] is None
     assert asked_again(walk, journeyed, 30.0)[0] is not None
+
+
+def test_a_keyframe_that_is_at_the_place_but_looks_elsewhere_confirms_nothing(walk, return_state):
+    """Turned by 0.2 rad about its own centre: where it is agrees, how it stands does not (0.1, as between runs)."""
+    all_are_few = LoopSettings(sure_landmarks=100_000)
+    for angle, is_found in ((0.0, True), (0.2, False)):
+        journeyed = journey(walk, return_state, 30.0)
+        world, turn = journeyed[0].map, np.eye(4)
+        turn[:3, :3] = Rotation.from_rotvec((0, angle, 0)).as_matrix()
+        last = world.keyframes[-1]
+        world.keyframes[-1] = replace(last, T_world_camera=last.T_world_camera @ turn)
+        assert (asked_again(walk, journeyed, 30.0, all_are_few)[0] is not None) is is_found
 
 
 def test_a_corridor_whose_parts_look_alike_is_not_closed():

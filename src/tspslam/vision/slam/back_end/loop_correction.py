@@ -16,10 +16,10 @@ from ...se3 import inverse, move_points, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..keyframes.parts import join_parts
-from ..keyframes.sightings import match_sights
 from ..least_squares.bundle import lens_of
 from ..least_squares.pose_graph import PoseEdges, optimise_poses
 from ..pose import PoseEstimate
+from .seen_again import called_now, join_sights
 
 _LEAST_SHARED = 15  # landmarks that make two keyframes neighbours (Mur-Artal et al. 2015)
 # Information of each edge besides that of the landmarks: neighbours are some metres and less than a right angle apart.
@@ -290,12 +290,8 @@ def note_loop(
 
 def _seen_again(map_: Map) -> Keyframe:
     """The loop that is being closed, with the rows of those of its landmarks that the map still has."""
-    loop = map_.loop
-    assert loop is not None
-    at = np.minimum(np.searchsorted(map_.landmark_id, loop.landmark), len(map_.landmark_id) - 1)
-    kept = (map_.landmark_id[at] == loop.landmark) & (map_.sightings.count(at) > 0)
-    columns = {name: getattr(loop, name)[kept] for name in ("uv", "disparity", "sigma")}
-    return replace(loop, landmark=at[kept], **columns)
+    assert map_.loop is not None
+    return called_now(map_, map_.loop)
 
 
 def correction_state(correction: LoopCorrection | None) -> dict[str, NDArray[Any]]:
@@ -382,8 +378,5 @@ def _join_sights(map_: Map, again: Keyframe, same_landmark: float) -> None:
         return
     older = map_.place_of(int(np.bincount(seen_by).argmax()))
     map_.keyframes = join_parts(map_.keyframes, older, place)
-    own = map_.keyframes[place]
-    seen, known = (np.column_stack([frame.uv, frame.disparity]) for frame in (again, own))
-    matched, rows = match_sights(seen, known, same_landmark)
-    map_.merge_landmarks(again.landmark[matched], own.landmark[rows])
+    again, _ = join_sights(map_, place, again, same_landmark)
     map_.observe(place, again)

@@ -15,13 +15,13 @@ from ...se3 import inverse, move_points, normalised
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..keyframes.parts import join_parts
-from ..keyframes.sightings import match_sights
 from ..least_squares.pose_graph import PoseEdges, optimise_poses
 from ..places.agreement import agreeing
 from ..places.settings import LoopSettings
 from ..places.shared_places import SharedPlaces
 from .loop_correction import LoopProblem
 from .part_tree import PartTree
+from .seen_again import called_now, join_sights
 
 _MAX_STEPS = 100  # by the default of `optimise_poses`: many loops at once, and nobody waits
 
@@ -154,35 +154,6 @@ def _bend(map_: Map, shared: SharedPlaces, sights: list[Keyframe], sigma_uv: flo
 def _fuse(map_: Map, again: Keyframe, same_landmark: float) -> None:
     """Have a keyframe see landmarks of another part, by numbers; those that it sees in the same place become one."""
     place = map_.place_of(again.index)
-    own, older = map_.keyframes[place], _as_called_now(map_, again)
-    older = _without(older, np.isin(older.landmark, own.landmark))
-    seen, known = (np.column_stack([frame.uv, frame.disparity]) for frame in (older, own))
-    first, rows = match_sights(seen, known, same_landmark)
-    _, once = np.unique(first, return_index=True)
-    first, rows = first[once], rows[once]
-    gone = own.landmark[rows]
-    is_apart = ~np.isin(gone, older.landmark[first])
-    map_.merge_landmarks(older.landmark[first[is_apart]], gone[is_apart])
-    map_.gaps = np.union1d(map_.gaps, gone[is_apart])
+    older, gone = join_sights(map_, place, called_now(map_, again), same_landmark)
+    map_.gaps = np.union1d(map_.gaps, gone)
     map_.observe(place, replace(older, disparity=np.full(len(older.landmark), np.nan)))
-
-
-def _as_called_now(map_: Map, again: Keyframe) -> Keyframe:
-    """Sights by the rows of their landmarks, now that some have become one; of two that did, one stays."""
-    merged = dict(map_.merged.tolist())
-    ids = np.array([_last(merged, number) for number in again.landmark.tolist()], np.int64)
-    rows = np.searchsorted(map_.landmark_id, ids)
-    first = np.sort(np.unique(rows, return_index=True)[1])
-    columns = {name: getattr(again, name)[first] for name in ("uv", "disparity", "sigma")}
-    return replace(again, landmark=rows[first], **columns)
-
-
-def _last(merged: dict[int, int], number: int) -> int:
-    while number in merged:
-        number = merged[number]
-    return number
-
-
-def _without(again: Keyframe, gone: NDArray[np.bool_]) -> Keyframe:
-    columns = {name: getattr(again, name)[~gone] for name in ("landmark", "uv", "disparity", "sigma")}
-    return replace(again, **columns)

@@ -21,6 +21,7 @@ from ..keyframes.sightings import match_sights
 from ..pose import PoseEstimate, solve_pnp
 from ..tracking import Reference, TrackingSettings, refine_pose, track_pose
 from .map_index import MapIndex
+from .same_motion import is_same_motion
 from .settings import LoopSettings
 
 _ASKED = 50  # keyframes that look alike, of which those that are left and apart are tried
@@ -386,8 +387,7 @@ class PlaceRecognition:
         if before is None:
             return False
         expected = found.T_world_camera @ inverse(estimate.T_world_camera) @ last.T_world_camera
-        off = float(np.linalg.norm((before - expected)[:3, 3]))
-        return off <= self.loops.same_motion * self._depth(found)
+        return is_same_motion(before, expected, self._depth(found), self.loops)
 
     def _solve_pnp(self, frames: Sequence[Keyframe], uv: FloatArray, descriptors: Descriptors) -> FloatArray | None:
         """Pose from the landmarks of some keyframes, by descriptors alone; None if too few agree."""

@@ -12,11 +12,12 @@ from ...._brief import Brief
 from ....types import BoolArray, FloatArray
 from ...features.binary import Descriptors
 from ...images import build_pyramid
-from ...se3 import inverse, rotation_angle
+from ...se3 import inverse
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..pose import PoseEstimate
 from .loop_closing import PlaceRecognition
+from .same_motion import is_same_motion
 from .settings import LoopSettings
 
 
@@ -177,28 +178,6 @@ def _is_confirmed(places: PlaceRecognition, other: Map, k: int, place: int, foun
         if T is not None and is_same_motion(T, T_map_other @ frames[beside].T_world_camera, depth, places.loops):
             return True
     return False
-
-
-def is_same_motion(T: FloatArray, expected: FloatArray, depth: float, loops: LoopSettings) -> bool:
-    """Tell whether two poses of one camera are the same, as far as P3P from descriptors is good.
-
-    Parameters
-    ----------
-    T, expected : (4, 4) float64
-        The two, m.
-    depth : float
-        Of what the camera sees, m.
-    loops : LoopSettings
-        How far they may be apart (`same_motion`): by so much of the depth, and by the angle that moves a point so far.
-
-    Returns
-    -------
-    bool
-    """
-    off = inverse(expected) @ T
-    return bool(
-        np.linalg.norm(off[:3, 3]) <= loops.same_motion * depth and rotation_angle(off[:3, :3]) <= loops.same_motion
-    )
 
 
 def _as_shared(map_: Map, frame: Keyframe, place: int, found: PoseEstimate) -> SharedPlaces:
