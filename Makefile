@@ -6,17 +6,17 @@ READY_DEV := $(VENV)/ready-dev
 LATEST := .venv-latest
 OLDEST := .venv-oldest
 # Two workers on two cores: threads of the linear algebra would only wait for one another.
-TESTS := -m pytest -n 2 --dist loadfile
+TESTS := -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-browser browser test-latest test-oldest constraints check lint types house bench bench-slam bench-map bench-uses paper docs clean
+.PHONY: demo test test-browser browser test-latest test-oldest constraints check lint types house kernels bench bench-slam bench-map bench-uses paper docs clean
 
 demo: $(READY)  ## install, run the main job on the real Motorcycle pair, say where the pictures are
 	$(BIN)/tspslam run --out runs/motorcycle
 
 test: $(READY_DEV)  ## every check and every test
-	$(MAKE) -j 2 check
-	$(ONE_THREAD) $(BIN)/python $(TESTS) --ignore=tests/test_house.py
+	$(MAKE) -j 2 check kernels
+	$(ONE_THREAD) $(BIN)/python $(TESTS) --ignore=tests/test_house.py --ignore=tests/test_jit.py
 
 browser:  ## install Chromium where the system's own packages have it, for the tests that need a browser
 	for name in chromium chromium-browser google-chrome; do command -v $$name && exit 0; done; \
@@ -50,6 +50,9 @@ lint: $(READY_DEV)
 
 house: $(READY_DEV)
 	$(BIN)/python -m pytest -q tests/test_house.py
+
+kernels: $(READY_DEV)  # beside the types, so that both cores work; later tests find kernels compiled
+	$(ONE_THREAD) $(BIN)/python -m pytest -q tests/test_jit.py
 
 bench-slam: $(READY_DEV)  ## the camera path beside the true one; DATA=FOLDER for a recording of your own
 	$(BIN)/python -m benchmarks.slam $(if $(DATA),--data '$(DATA)',--docs docs)

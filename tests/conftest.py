@@ -1,4 +1,4 @@
-"""Shared by the tests: the real pair, and a small real pair on disk."""
+"""Shared by the tests: the real pair, and a small real pair on disk; and what is tested first, so that all end together."""
 
 from dataclasses import replace
 
@@ -14,14 +14,51 @@ from tspslam.vision.calibration.formats.own import save_cameras
 settings.register_profile("gate", deadline=None, derandomize=True)  # the same examples everywhere, however slow
 settings.load_profile("gate")
 
+TOGETHER = "tests/scale/maps/"  # its files share runs and joins that take long to make: one worker does them all
+LONGEST = (
+    TOGETHER,
+    "tests/test_docs.py",
+    "tests/test_cli.py",
+    "tests/run/test_resume.py",
+    "tests/scale/test_hard_life.py",
+    "tests/vision/test_faults.py",
+    "tests/test_examples.py",
+    "tests/run/test_health.py",
+    "tests/scale/test_batch.py",
+    "tests/run/test_joining.py",
+    "tests/vision/slam/test_loop_closing.py",
+    "tests/run/test_export.py",
+    "tests/vision/calibration/test_board.py",
+    "tests/test_experiments.py",
+    "tests/run/test_report.py",
+    "tests/vision/slam/test_first_step.py",
+    "tests/run/test_scan.py",
+    "tests/vision/slam/test_motion_faults.py",
+    "tests/run/test_map.py",
+    "tests/vision/slam/test_recordings.py",
+)
+"""Files, and a folder, that take over twenty seconds of a processor, the longest first."""
 
-@pytest.fixture(scope="module", autouse=True)
-def _coarse_pictures(request):
-    """Pictures that runs draw have a quarter of the dots an inch, except where they are what is tested."""
-    with pytest.MonkeyPatch.context() as patch:
-        if request.path.parent.name != "view":
-            patch.setattr("tspslam.view._style.DPI", 35)
-        yield
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes longest: a worker that comes to it at the end leaves the others idle."""
+
+    def place(item):
+        return next((k for k, name in enumerate(LONGEST) if item.nodeid.startswith(name)), len(LONGEST))
+
+    items.sort(key=place)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Hand out whole files, as `--dist loadfile` does, and those of `TOGETHER` as one."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            return TOGETHER if nodeid.startswith(TOGETHER) else super()._split_scope(nodeid)
+
+    return Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 @pytest.fixture(scope="session")

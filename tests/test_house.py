@@ -351,3 +351,11 @@ def test_no_test_hangs_on_a_clock():
     clocks = re.compile(r"\b(perf_counter|process_time|monotonic|time\.time)\b")
     tests = [path for path in (ROOT / "tests").rglob("*.py") if path.name not in ("test_house.py", "test_resume.py")]
     assert [path.name for path in tests if clocks.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_files_that_are_handed_out_first_are_there():
+    """So that a file of another name does not come last, when a worker would be alone with it."""
+    from tests.conftest import LONGEST
+
+    assert len(set(LONGEST)) == len(LONGEST) > 10
+    assert not [name for name in LONGEST if not (ROOT / name).exists()]

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -99,12 +100,15 @@ def test_what_was_typed_wrong_is_told(recording, capsys, words, said):
     assert err.count("\n") == 1
 
 
-def test_nothing_is_written_where_the_board_is_not_seen(recording, tmp_path, capsys):
-    target = tmp_path / "calib.yaml"
-    code, _, err = run(capsys, "calib", "board", recording, "--board", "8x5", "--square", 0.025, "--output", target)
+def test_nothing_is_written_where_the_board_is_not_seen(recording, tmp_path, tmp_path_factory, capsys):
+    few, target = tmp_path_factory.mktemp("few"), tmp_path / "calib.yaml"
+    for image in ("left/00.png", "left/01.png", "right/00.png", "right/01.png"):
+        (few / image).parent.mkdir(exist_ok=True)
+        shutil.copy(recording / image, few / image)
+    code, _, err = run(capsys, "calib", "board", few, "--board", "8x5", "--square", 0.025, "--output", target)
     assert code == BAD_INPUT
     assert "views can be used, expected 5 or more" in err
-    assert err.splitlines()[-1].startswith("tspslam: board: 0 of 9 views")
+    assert err.splitlines()[-1].startswith("tspslam: board: 0 of 2 views")
     assert "--board counts inner corners: a board of 8x5 squares is 7x4" in err
     assert not list(tmp_path.iterdir())
 

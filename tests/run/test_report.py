@@ -4,6 +4,7 @@ import ast
 import json
 import re
 import shutil
+from copy import copy as twin
 from pathlib import Path
 
 import numpy as np
@@ -154,10 +155,10 @@ def test_the_path_is_measured_as_eval_measures_it(made, drive, tmp_path):
     ],
     ids=["unknown", "no rotation", "too few", "no poses", "a word", "ragged", "a number"],
 )
-def test_a_truth_that_does_not_fit_is_a_line(tmp_path, truth):
-    drive = Drive()
-    drive.truth = truth
-    found = run(drive, tmp_path / "run", resolve(assignments=SETTINGS), frames=range(4)).run
+def test_a_truth_that_does_not_fit_is_a_line(drive, tmp_path, truth):
+    spoilt = twin(drive)
+    spoilt.truth = truth
+    found = run(spoilt, tmp_path / "run", resolve(assignments=SETTINGS), frames=range(4)).run
     assert found["status"] == "complete"
     assert "evaluation" not in found
     (line,) = [one["message"] for one in found["warnings"] if one["code"] == "truth"]

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ODD_FRAMES
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from view_maps import ODD_MAPS, PATH, map_of, room, sheet, wall
 
+from tests.view.conftest import ODD_FRAMES
 from tspslam.errors import InputError
 from tspslam.view import _html
 from tspslam.view import _thinning as thinning

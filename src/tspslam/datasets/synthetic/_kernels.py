@@ -32,16 +32,17 @@ def paint(tile: Float32, leaves: Float64) -> None:
     for leaf in leaves:
         reach = int(np.ceil(leaf[2] if leaf[7] > 0 else np.hypot(leaf[2], leaf[3])))
         x, y = int(leaf[0]), int(leaf[1])
+        first = (x - reach) % size
         for dy in range(-reach, reach + 1):
+            row, column, s_along, s_across = (y + dy) % size, first, dy * leaf[5], dy * leaf[4]
             for dx in range(-reach, reach + 1):
-                along = dx * leaf[4] + dy * leaf[5]
-                across = dy * leaf[4] - dx * leaf[5]
                 if leaf[7] > 0:
                     inside = dx * dx + dy * dy <= leaf[2] * leaf[2]
                 else:
-                    inside = abs(along) <= leaf[2] and abs(across) <= leaf[3]
+                    inside = abs(dx * leaf[4] + s_along) <= leaf[2] and abs(s_across - dx * leaf[5]) <= leaf[3]
                 if inside:
-                    tile[(y + dy) % size, (x + dx) % size] = leaf[6]
+                    tile[row, column] = leaf[6]
+                column = column + 1 if column + 1 < size else 0
 
 
 @inlined
@@ -200,9 +201,10 @@ def shade(
 ) -> None:  # fmt: skip
     """Luminance that each ray of `cast` meets, into `values`, where a triangle is met.
 
-    A ray goes through ``(u, v) + offsets[k]`` of a pixel, number ``width v + u``. A coordinate of the texture is ``s = (S · r) / (n · r)``, with ``S = Σ s_k e_k`` and
-    ``n = Σ e_k``, whose derivatives by the pixel give its footprint. `paint_of` (F, 2) is a triangle's tile and its
-    look: (texels per metre, offsets, brightness, contrast, texels per metre and offsets of a second, coarser layer).
+    A ray goes through ``(u, v) + offsets[k]`` of a pixel, number ``width v + u``. A coordinate of the texture is
+    ``s = (S · r) / (n · r)``, with ``S = Σ s_k e_k`` and ``n = Σ e_k``, whose derivatives by the pixel give its
+    footprint. `paint_of` (F, 2) is a triangle's tile and its look: (texels per metre, offsets, brightness, contrast,
+    texels per metre and offsets of a second, coarser layer).
     """
     gradient, before = np.empty((3, 3)), -1
     for m in range(owner.shape[0]):

@@ -20,11 +20,20 @@ def start_camera(lens: str, size: tuple[int, int], seen: Sequence[Seen]) -> tupl
     for share in _FOCAL:
         f, (width, height) = share * size[0], size
         camera = np.array([f, f, (width - 1) / 2, (height - 1) / 2, *([0.0] * len(LENSES[lens]))])
-        errors = [min(place_board(lens, camera, each)[1], _WORST) for each in some]
-        if (middle := float(np.median(errors))) < best:
+        if (middle := _middle_error(lens, camera, some, best)) < best:
             best, found = middle, camera
     assert found is not None
     return found, {each.place: place_board(lens, found, each)[0] for each in seen}
+
+
+def _middle_error(lens: str, camera: FloatArray, seen: Sequence[Seen], most: float) -> float:
+    """Median of the errors of the board's places, px; `most` as soon as it cannot be less."""
+    errors: list[float] = []
+    for each in seen:
+        errors.append(min(place_board(lens, camera, each)[1], _WORST))
+        if 2 * sum(error >= most for error in errors) > len(seen):
+            return most
+    return float(np.median(errors))
 
 
 def place_board(lens: str, camera: FloatArray, seen: Seen) -> tuple[FloatArray, float]:
