@@ -95,6 +95,11 @@ class Worker:
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1) if thread_count() > 1 else None
 
+    @property
+    def is_beside(self) -> bool:
+        """Whether it is a thread of its own: else what may be in vain is better left."""
+        return self._pool is not None
+
     def submit(self, function: Callable[..., B], *arguments: Any) -> Future[B]:
         """Have `function` called; what it raises is raised by the future's `result`."""
         if self._pool:

@@ -262,7 +262,8 @@ class Session:
     def _detect_ahead(self, pair: StereoPair | None) -> None:
         """Have keypoints detected in a thread if the pair, the next one, is likely to become a keyframe."""
         odometry = self.odometry
-        if isinstance(pair, PreparedPair) and isinstance(odometry, StereoOdometry) and odometry.foresight.is_due:
+        is_likely = isinstance(odometry, StereoOdometry) and odometry.foresight.is_due
+        if is_likely and isinstance(pair, PreparedPair) and self._scout.is_beside:
             self._scout.submit(pair.detect, self.settings.detector)  # what fails does so again when it is asked for
 
     @property

@@ -89,6 +89,25 @@ def test_each_image_is_searched_for_keypoints_once(pairs, two_threads):
     assert found == follow(pairs)[1]
 
 
+def test_one_thread_detects_no_keypoints_in_vain(pairs):
+    seen = []
+
+    def detect(grey):
+        seen.append(grey.tobytes())
+        return DETECTOR(grey)
+
+    many = follow(pairs)[1]
+    set_threads(1)
+    try:
+        frames, found = follow(pairs, detector=detect)
+    finally:
+        set_threads(None)
+    second = 1  # the motion of the second frame is not known: it is located by its keypoints
+    assert 2 * sum(frame.is_keyframe for frame in frames) <= len(seen)
+    assert len(seen) <= 2 * sum(frame.is_keyframe for frame in frames) + second
+    assert found == many
+
+
 def test_a_detector_that_fails_ahead_fails_where_its_keypoints_are_wanted(pairs, two_threads):
     asked = []
 
@@ -147,7 +166,7 @@ def test_what_could_not_be_made_is_made_anew():
 def test_planes_are_levelled_once_for_one_offset_and_an_image_is_copied_without_what_was_made_of_it(pairs):
     images = prepare(pairs[0])
     offset, other = 0.3, 0.4
-    left, right = level_planes(images, offset)
+    right = level_planes(images, offset)[1]
     assert level_planes(images, offset)[1] is right
     assert np.abs(level_planes(images, other)[1] - right).max() > 0
     image = PreparedImage(pairs[0].left)

@@ -127,10 +127,8 @@ class OrbDetector(Checked, what="orb"):
         orb = cv2.ORB.create(nlevels=1, edgeThreshold=_EDGE, patchSize=_PATCH)
         descriptor, degrees = np.empty((len(angle), 32), np.uint8), np.degrees(angle)
         for plane, rows in zip(planes, _octaves(corners, len(planes)), strict=True):
-            places: Any = corners.xy[rows].astype(np.float32)
-            keypoints = cv2.KeyPoint.convert(places, size=_PATCH)
-            for keypoint, direction in zip(keypoints, degrees[rows].tolist(), strict=True):
-                keypoint.angle = direction
+            u, v = corners.xy[rows].T.tolist()
+            keypoints = list(map(cv2.KeyPoint, u, v, itertools.repeat(_PATCH), degrees[rows].tolist()))
             if keypoints:
                 described, descriptor[rows] = orb.compute(plane, keypoints)
                 assert len(described) == len(keypoints)  # the margins leave none at the border
