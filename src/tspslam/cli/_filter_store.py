@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def filter_a_store(
-    path: Path, mode: tuple[int, str | None], *, images: Path | None, out: Path | None, to: str | None,
+    path: Path, mode: tuple[int, str | None, float | None], *, images: Path | None, out: Path | None, to: str | None,
     where: tuple[int, str | None, str], as_json: bool,
 ) -> None:  # fmt: skip
     """Filter a store, tile by tile, and write a file a tile if that is asked for."""
@@ -60,18 +60,18 @@ def _count(number: int, word: str) -> str:
 
 
 def _filtered(
-    store: Store, mode: tuple[int, str | None], where: tuple[int, str | None, str], as_json: bool
+    store: Store, mode: tuple[int, str | None, float | None], where: tuple[int, str | None, str], as_json: bool
 ) -> StoredResponse:
     """Filter, and tell how far it is."""
     from ..run.sequence import Step
     from ..scale.stores.cluster import connected
 
-    (order, centering), (workers, scheduler, memory) = mode, where
+    (order, centering, occlusion), (workers, scheduler, memory) = mode, where
     chosen: Any = centering
     with progress(as_json) as on_step, connected(scheduler, store.path) as client:
         on_step(Step("filter", 0, store.n))
         return store.filter(
-            order=order, centering=chosen, memory=memory, workers=workers, client=client,
+            order=order, centering=chosen, occlusion=occlusion, memory=memory, workers=workers, client=client,
             on_tile=lambda done, total: on_step(Step("filter", done, total)),
         )  # fmt: skip
 

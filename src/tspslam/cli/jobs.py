@@ -149,6 +149,10 @@ def filter_command(
     workers: Annotated[int, typer.Option(help="Of a store: processes of Dask [default: this one alone].")] = 0,
     scheduler: Annotated[str | None, typer.Option(help="Of a store: a scheduler of Dask, by address.")] = None,
     memory: Annotated[str, typer.Option(help="Of a store: what a process may take.")] = "1.5 GB",
+    occlusion: Annotated[
+        float | None,
+        typer.Option(help="Of a store: no signal farther behind the nearest face than this share of the depth."),
+    ] = None,
     to: Annotated[
         str | None, typer.Option(help="Of a store: also a file a tile, vtu, ply or 3dtiles, into --out.")
     ] = None,
@@ -167,10 +171,13 @@ def filter_command(
             surface=surface if surface != "range" else None, polygons=polygons if polygons != "fan" else None,
         )  # fmt: skip
         filter_a_store(
-            mesh, (order, centering), images=images, out=out, to=to, where=(workers, scheduler, memory), as_json=as_json
+            mesh, (order, centering, occlusion), images=images, out=out, to=to, where=(workers, scheduler, memory),
+            as_json=as_json,
         )  # fmt: skip
         return
-    refuse_options(images=images, workers=workers or None, scheduler=scheduler, to=to, what="a store")
+    refuse_options(
+        images=images, workers=workers or None, scheduler=scheduler, to=to, occlusion=occlusion, what="a store"
+    )
     is_there = mesh is None or os.path.lexists(mesh)
     if is_there and (image is None or calib is None):
         raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")

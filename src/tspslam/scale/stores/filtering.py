@@ -73,7 +73,7 @@ def filter_mesh(
     InputError, OutputError
         As `tspslam.scale.Store.filter`.
     """
-    _check(store)
+    _check(store, options)
     size = tile_for(store, place.memory) if tile is None else checked_tile(tile)
     folder = begin(store, options)
     lock = FolderLock(folder)
@@ -94,12 +94,14 @@ def filter_mesh(
     return open_response(store, options.name)
 
 
-def _check(store: StoredMesh) -> None:
-    """Refuse a store that has nothing to filter."""
+def _check(store: StoredMesh, options: Options) -> None:
+    """Refuse a store that has nothing to filter, or no camera from which something is hidden."""
     if not store.n_faces:
         raise bad_input(store.path, "has no faces, so that no vertex has neighbours", "a mesh")
     if not store.images and "luminance" not in store.arrays:
         raise bad_input(store.path, "has neither images nor luminance", "one of them")
+    if options.occlusion is not None and all(image.rig is None for image in store.images):
+        raise bad_input(store.path, "has no image with a camera", "one, from which faces hide others (--occlusion)")
     if store.images and not any(map(os.path.exists, store.image_paths)):
         said = f"none of its {len(store.images)} images is there, such as {store.image_paths[0]}"
         raise bad_input(store.path, said, "images where they were, or their folder now (--images, images=)")

@@ -108,11 +108,32 @@ class ImageReference(Brief):
             return np.asarray(uv, np.float64) - self.corner
         if xyz is None:
             raise InputError(f"image {self.path}: has a camera, and the vertices no xyz; expected both")
+        return project(self.rig, self.in_camera(xyz))
+
+    @property
+    def camera(self) -> Rig:
+        """The camera; `InputError` where there is none."""
+        if self.rig is None:
+            raise InputError(f"image {self.path}: has no camera, expected one")
+        return self.rig
+
+    def in_camera(self, xyz: FloatArray) -> FloatArray:
+        """Vertices in the camera's frame; each row depends on its own vertex alone, to the last bit.
+
+        Parameters
+        ----------
+        xyz : (N, 3) float64
+            Vertices in the world, m.
+
+        Returns
+        -------
+        (N, 3) float64
+            m.
+        """
         R, t = self.pose[:3, :3], self.pose[:3, 3]
         x, y, z = (np.asarray(xyz, np.float64) - t).T
         # No product of matrices: how it sums may depend on how many rows there are.
-        turned = [x * R[0, k] + y * R[1, k] + z * R[2, k] for k in range(3)]
-        return project(self.rig, np.stack(turned, axis=1))
+        return np.stack([x * R[0, k] + y * R[1, k] + z * R[2, k] for k in range(3)], axis=1)
 
     def load(self, path: Path) -> NDArray[Any] | None:
         """Read the pixels.

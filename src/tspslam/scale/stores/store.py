@@ -100,8 +100,8 @@ class Store(Brief):
 
     def filter(
         self, *, order: int = 1, centering: Centering | None = None, weight: Weight | None = None,
-        memory: float | str = "1.5 GB", workers: int = 0, client: Any = None, tile: int | None = None,
-        on_tile: Callable[[int, int], None] | None = None,
+        occlusion: float | None = None, memory: float | str = "1.5 GB", workers: int = 0, client: Any = None,
+        tile: int | None = None, on_tile: Callable[[int, int], None] | None = None,
     ) -> StoredResponse:  # fmt: skip
         """T-MAHF of every vertex in its image, tile by tile; the same bytes as `tspslam.tmahf` of the whole.
 
@@ -115,6 +115,9 @@ class Store(Brief):
             As `tspslam.tmahf`.
         weight : function of int, optional
             As there; it must end within 64 rings.
+        occlusion : float, optional
+            Share of its depth, 0 to below 1, by which a vertex may lie behind the nearest face before its camera and
+            have a signal, as the tolerance of `tspslam.visible_uv`, 0.05 there. Without it no face hides anything.
         memory : float or str
             What a process may take, bytes, or such as "1.5 GB". Tiles are as large as that admits.
         workers : int
@@ -134,7 +137,7 @@ class Store(Brief):
         ------
         InputError
             If a setting is not as described, the store has no faces or no luminance, none of its images is there or one
-            is damaged, or dask is not installed and asked for.
+            is damaged, occlusion is asked for and none has a camera, or dask is not installed and asked for.
         OutputError
             If a result cannot be written.
 
@@ -151,7 +154,7 @@ class Store(Brief):
         >>> abs(response.z).round(9).tolist()
         [1.0, 1.0, 1.0, 1.0]
         """
-        options = Options.checked(order, centering, weight)
+        options = Options.checked(order, centering, weight, occlusion)
         place = Place(workers, checked_memory(memory), client)
         return filter_mesh(self.mesh, options, place, tile=tile, on_tile=on_tile)
 

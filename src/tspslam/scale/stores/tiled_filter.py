@@ -14,9 +14,11 @@ from ..._brief import brief
 from ...errors import InputError
 from ...topology.complex import Complex
 from ...topology.harmonic import Centering, Tmahf, Weight, tmahf
+from ...topology.spectral import checked_number
 from ...topology.texture import sample_signals
 from ...types import BoolArray, FloatArray, Signals
 from .halo import Piece, load_piece
+from .hidden import seen_places
 from .mesh import StoredMesh
 
 MOST_RINGS = 64
@@ -35,6 +37,8 @@ class Options:
         What is taken out of the sums.
     weights : tuple of float or None
         g(0), g(1), ... up to the last above 0; None is the one-ring.
+    occlusion : float or None
+        Share of its depth by which a vertex may lie behind the nearest face; None: faces hide nothing.
 
     Examples
     --------
@@ -45,9 +49,12 @@ class Options:
     order: int
     centering: str
     weights: tuple[float, ...] | None
+    occlusion: float | None = None
 
     @classmethod
-    def checked(cls, order: int, centering: Centering | None, weight: Weight | None) -> Options:
+    def checked(
+        cls, order: int, centering: Centering | None, weight: Weight | None, occlusion: float | None = None
+    ) -> Options:
         """Check options as `tspslam.tmahf` does, and put numbers in the place of a function.
 
         Parameters
@@ -58,6 +65,8 @@ class Options:
             As `tspslam.tmahf`.
         weight : function of int, optional
             As there.
+        occlusion : float, optional
+            From 0 to below 1.
 
         Returns
         -------
@@ -66,7 +75,7 @@ class Options:
         Raises
         ------
         InputError
-            As there, or if the weight does not end within 64 rings.
+            As there, or if the weight does not end within 64 rings, or `occlusion` is no share.
         """
         from ...topology.harmonic import _weights_by_distance
 
@@ -75,7 +84,8 @@ class Options:
         weights = None if weight is None else tuple(_weights_by_distance(weight, MOST_RINGS).tolist())
         if weights is not None and len(weights) > MOST_RINGS:
             raise InputError(f"weight({MOST_RINGS}) is {weights[-1]:g}, expected 0 there or before: a halo is as wide")
-        return cls(int(order), chosen, weights)
+        share = None if occlusion is None else checked_number(occlusion, "occlusion", 0.0, 1.0)
+        return cls(int(order), chosen, weights, share)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Options:
@@ -91,7 +101,11 @@ class Options:
         Options
         """
         weights = values["weights"]
-        return cls(int(values["order"]), str(values["centering"]), None if weights is None else tuple(weights))
+        share = values.get("occlusion")
+        return cls(
+            int(values["order"]), str(values["centering"]), None if weights is None else tuple(weights),
+            None if share is None else float(share),
+        )  # fmt: skip
 
     @property
     def rings(self) -> int:
@@ -101,9 +115,12 @@ class Options:
     @property
     def name(self) -> str:
         """What the responses are called in the store."""
-        if self.weights is None:
-            return f"tmahf-{self.order}-{self.centering}"
-        return f"tmahf-{self.order}-{self.centering}-{hashlib.sha256(repr(self.weights).encode()).hexdigest()[:8]}"
+        parts = [f"tmahf-{self.order}-{self.centering}"]
+        if self.weights is not None:
+            parts.append(hashlib.sha256(repr(self.weights).encode()).hexdigest()[:8])
+        if self.occlusion is not None:
+            parts.append(f"seen-{self.occlusion!r}")
+        return "-".join(parts)
 
 
 class Answer(NamedTuple):
@@ -207,13 +224,20 @@ def _respond(
         assert uv is not None
         signals = spread_values(complex_, uv, piece.luminance)
     else:
-        uv = store.images[image].places(piece.xyz, piece.uv)
+        uv = _places(store, piece, image, options.occlusion)
         signals = sample_signals(pixels, uv, complex_)
     weights = options.weights
     weight = None if weights is None else (lambda d: weights[d] if d < len(weights) else 0.0)
     centering = cast(Centering, options.centering)
     response = tmahf(complex_, uv, signals, order=options.order, centering=centering, weight=weight)
     return response.z[piece.own], response.defined[piece.own]
+
+
+def _places(store: StoredMesh, piece: Piece, image: int, occlusion: float | None) -> FloatArray:
+    if occlusion is None or store.images[image].rig is None:
+        return store.images[image].places(piece.xyz, piece.uv)
+    assert piece.xyz is not None
+    return seen_places(store, image, piece.xyz, occlusion)
 
 
 def signals_of(store: StoredMesh, complex_: Complex, image: int, columns: Mapping[str, FloatArray]) -> Signals | None:
