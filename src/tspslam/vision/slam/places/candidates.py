@@ -56,8 +56,8 @@ def find_candidates(shown: Sequence[Sequence[Descriptors]], loops: LoopSettings)
     >>> rng = np.random.default_rng(0)
     >>> one, other = ([rng.integers(0, 2**63, (20, 4), dtype=np.uint64) for _ in range(5)] for _ in range(2))
     >>> other[3] = one[1] ^ np.uint64(1)
-    >>> find_candidates([one, other], LoopSettings())[:, [1, 3]].tolist()[4]
-    [1, 3]
+    >>> [0, 1, 1, 3] in find_candidates([one, other], LoopSettings()).tolist()
+    True
     """
     starts = np.cumsum([0, *map(len, shown)])
     map_of = np.repeat(np.arange(len(shown)), np.diff(starts))
