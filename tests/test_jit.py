@@ -10,6 +10,7 @@ import pytest
 
 from tests.sequences import SMALL_RIG, corridor, write_sequence
 from tspslam import _jit, _kernel_cache
+from tspslam.run import _compiling
 from tspslam.run._compiling import LIST, listed
 
 MODULE = """
@@ -137,6 +138,25 @@ def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
     assert sorted(counts) == [["0", "1"], ["1", "0"], ["1", "0"]]
 
 
+@FOREIGN
+def test_a_lock_that_its_owner_has_just_removed_is_no_claim(tmp_path, monkeypatch):
+    import fcntl
+
+    path, lock = tmp_path / "one.bin", fcntl.flock
+
+    def lock_late(descriptor, how):
+        path.with_suffix(".lock").unlink()
+        lock(descriptor, how)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(fcntl, "flock", lock_late)
+        assert _kernel_cache._claim(path) is None
+    claim = _kernel_cache._claim(path)
+    assert claim is not None
+    assert _kernel_cache._claim(path) is None
+    _kernel_cache._release(path, claim)
+
+
 INTERRUPTED = """
 import sys; sys.path.insert(0, ".")
 from mine import one
@@ -172,12 +192,41 @@ def test_helpers_compile_ahead_and_end_with_the_block(tmp_path):
         "    return started[-1]\n"
         "_compiling.subprocess.Popen = keep\n"
         "set_threads(2)\n"
-        "with _compiling.compiling(is_sequence=True):\n"
+        "with _compiling.compiling(is_sequence=True, has_frames=False):\n"
         "    while not list(find_folder().glob('*.bin')) and all(each.poll() is None for each in started):\n"
         "        time.sleep(0.05)\n"
         "print([each.returncode for each in started], bool(list(find_folder().glob('*.bin'))))\n"
     )
     assert outcome(start(code, tmp_path))[0] == "[0, 0] True\n"
+
+
+def test_what_a_first_frame_needs_is_loaded_when_the_block_begins(tmp_path):
+    chosen = [row for row in listed(is_first=True) if row[1] in ("prefix_sums", "pack")]
+    (tmp_path / "list.txt").write_text("\n".join(map(" ".join, chosen)) + "\n\n" + " ".join(listed()[-1]) + "\n")
+    code = (
+        "from tspslam._threads import set_threads\n"
+        "from tspslam.run import _compiling\n"
+        "from tspslam.topology import _harmonics, _pixels\n"
+        "from tspslam.vision.slam.least_squares import _block_cholesky\n"
+        "from pathlib import Path\n"
+        f"_compiling.LIST = Path({str(tmp_path / 'list.txt')!r})\n"
+        "set_threads(2)\n"
+        "with _compiling.compiling(is_sequence=True):\n"
+        "    kernels = _pixels.prefix_sums, _harmonics.pack, _block_cholesky.solve_blocks\n"
+        "    print([len(kernel.signatures) for kernel in kernels])\n"
+    )
+    assert len(chosen) == 2
+    assert outcome(start(code, tmp_path))[0] == "[1, 1, 0]\n"
+
+
+def test_a_helper_that_fails_is_told_of_in_one_line(tmp_path, caplog, monkeypatch):
+    broken = [str(tmp_path / "without the package")]
+    monkeypatch.setattr(_compiling.sys, "path", broken)
+    with caplog.at_level(logging.WARNING, "tspslam"), _compiling._helper(True) as process:
+        process.wait()
+    assert [record.message for record in caplog.records] == [
+        "a process that compiled kernels ahead ended with code 1: ModuleNotFoundError: No module named 'tspslam'"
+    ]
 
 
 def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):
@@ -221,7 +270,7 @@ def test_a_run_calls_each_kernel_with_one_set_of_types_and_those_are_listed_a_fi
     more = {f"{module} {name}": count for module, name, count in called if count > expected.get((module, name), 0)}
     assert len(called) > 20
     assert not more, LIST
-    assert {(module, name) for module, name, _ in first} == {row[:2] for row in listed()[: len(first)]}
+    assert {(module, name) for module, name, _ in first} == {row[:2] for row in listed(is_first=True)}
 
 
 def test_what_draws_is_not_imported_before_the_first_frame():

@@ -287,7 +287,8 @@ def _forget_old(folder: Path) -> None:
 
 def _claim(path: Path) -> int | None:
     """Keep other processes from compiling what will be at `path`; None if one does. The system lets go with us."""
-    descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o600)
+    lock = path.with_suffix(".lock")
+    descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -303,7 +304,18 @@ def _claim(path: Path) -> int | None:
     except OSError:
         os.close(descriptor)
         raise
+    if sys.platform != "win32" and not _is_at(descriptor, lock):
+        os.close(descriptor)
+        return None
     return descriptor
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Whether an open file is the one at `path` still: who released it has removed it, and another may be there."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def _release(path: Path, descriptor: int) -> None:

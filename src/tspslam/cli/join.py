@@ -43,7 +43,7 @@ def join_command(
         set_threads(threads)
         announce_compilation(is_sequence=True)
         try:
-            with compiling(is_sequence=True):
+            with compiling(is_sequence=True, has_frames=False):
                 result = join_runs(runs, out, workers=where, on_note=note, on_step=on_step)
         except SchedulerLostError as error:
             note(f"tspslam: {error}; the same command goes on")

@@ -1,11 +1,13 @@
-"""Kernels of a run, compiled before they are needed: by helper processes that fill the folder they are kept in."""
+"""Kernels of a run, compiled before they are needed, with helper processes that fill the folder they are kept in."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
 import importlib
+import logging
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -19,13 +21,14 @@ from ..mapping._carving import carve
 from ..topology._harmonics import filter_one_ring
 from ..vision.slam._patch_tracking import track_level
 
+_log = logging.getLogger("tspslam")
 LIST = Path(__file__).with_name("kernels.txt")
 """A line a kernel: its module, its name, the types that a run calls it with.
 
-What a first frame needs comes first, and of that the longest early, so that the helpers end together; the rest is in
-the order of need, and last what only a loop needs.
+Before the empty line is what a first frame needs, the longest first, so that all who compile it end together; the rest
+is in the order of need, and last what only a loop needs.
 """
-_HELPERS = 2  # processes; more gain little, as a first frame needs seven kernels
+_HELPERS = 2  # processes; more gain little, as each first spends a second on what numba itself needs
 _OF_PATHS = ".slam."  # in the names of modules that a run of one pair does not need
 
 
@@ -35,62 +38,99 @@ def are_compiled(*, is_sequence: bool) -> bool:
     return all(is_cached(each) for each in wanted)
 
 
-def listed() -> list[tuple[str, str, str]]:
-    """Kernels that a run calls: module, name, and types as numba writes them."""
-    lines = LIST.read_text(encoding="ascii").splitlines()
-    return [(each[0], each[1], each[2]) for line in lines if len(each := line.split(" ", 2)) == 3]
+def listed(*, is_sequence: bool = True, is_first: bool = False) -> list[tuple[str, str, str]]:
+    """Kernels that a run calls, or its first frame does: module, name, and types as numba writes them."""
+    text = LIST.read_text(encoding="ascii")
+    lines = (text.partition("\n\n")[0] if is_first else text).splitlines()
+    rows = [(each[0], each[1], each[2]) for line in lines if len(each := line.split(" ", 2)) == 3]
+    return [row for row in rows if is_sequence or _OF_PATHS not in row[0]]
 
 
 @contextlib.contextmanager
-def compiling(*, is_sequence: bool) -> Iterator[None]:
-    """Have helper processes compile what a run will need, if that is not done and there are threads for it.
+def compiling(*, is_sequence: bool, has_frames: bool = True) -> Iterator[None]:
+    """Compile what a run will need, if that is not done and there are threads for it.
 
-    They fill the folder of kernels; whoever needs one that is being compiled waits for it. They end with the block, or
-    with this process.
+    If it `has_frames` to process, what the first one needs is there when the block begins: this process compiles it
+    together with helpers. These compile the rest meanwhile, into the folder of kernels; whoever needs one that is being
+    compiled waits for it. They end with the block, or with this process.
     """
-    is_needed = thread_count() > 1 and find_folder() is not None and not are_compiled(is_sequence=is_sequence)
+    count = thread_count()
+    is_needed = count > 1 and find_folder() is not None and not are_compiled(is_sequence=is_sequence)
     with contextlib.ExitStack() as helpers:
-        for _ in range(min(_HELPERS, thread_count()) if is_needed else 0):
+        for _ in range(min(_HELPERS, count) if is_needed else 0):
             helpers.enter_context(_helper(is_sequence))
+        if is_needed and has_frames:
+            compile_first(is_sequence=is_sequence)
         yield
 
 
 @contextlib.contextmanager
-def _helper(is_sequence: bool) -> Iterator[None]:
+def _helper(is_sequence: bool) -> Iterator[subprocess.Popen[bytes] | None]:
     """A process that compiles until the block ends; none where this interpreter cannot be started again."""
-    call = f"from {__name__} import compile_listed; compile_listed({is_sequence})"
-    code, quiet = f"import sys; sys.path[:] = {sys.path!r}; {call}", subprocess.DEVNULL
-    process = None
-    if sys.executable and not getattr(sys, "frozen", False):
-        with contextlib.suppress(OSError):
-            process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet)
+    process = _begin(is_sequence)
+    if process is None:
+        yield None
+        return
     try:
-        yield
+        yield process
     finally:
-        if process:
-            assert process.stdin is not None
-            process.stdin.close()  # by which it ends
-            process.wait()
+        said = process.communicate()[1]  # which closes its input: by that it ends
+    if process.returncode:
+        why = (said.decode(errors="replace").strip() or "it said nothing").splitlines()[-1]
+        _log.warning("a process that compiled kernels ahead ended with code %d: %.200s", process.returncode, why)
+
+
+def _begin(is_sequence: bool) -> subprocess.Popen[bytes] | None:
+    call = f"from {__name__} import compile_listed; compile_listed({is_sequence})"
+    code, pipe = f"import sys; sys.path[:] = {sys.path!r}; {call}", subprocess.PIPE
+    with contextlib.suppress(OSError):
+        if sys.executable and not getattr(sys, "frozen", False):
+            command = [sys.executable, "-c", code]
+            return subprocess.Popen(command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe)
+    return None
 
 
 def compile_listed(is_sequence: bool) -> None:
     """Compile what is listed, and neither there nor being compiled; end when standard input does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is for the process that started this one
     threading.Thread(target=_end_with_input, daemon=True).start()
+    _compile_left(listed(is_sequence=is_sequence))
+
+
+def compile_first(*, is_sequence: bool) -> None:
+    """Compile what a first frame needs and nobody else does compile, and load the rest of it.
+
+    numba loads and compiles one kernel at a time in a process: a frame could load none while a later kernel compiles.
+    """
+    rows = listed(is_sequence=is_sequence, is_first=True)
+    _compile_left(rows)
+    for module, name, types in rows:
+        getattr(importlib.import_module(module), name).compile(_signature(types))
+
+
+def _compile_left(rows: list[tuple[str, str, str]]) -> None:
     gc.disable()  # a compiler's objects are looked through again and again otherwise: a tenth of its time
-    for module, name, types in listed():
-        if is_sequence or _OF_PATHS not in module:
+    try:
+        for module, name, types in rows:
             compile_one(getattr(importlib.import_module(module), name), types)
             gc.collect()
             gc.freeze()  # what is left by now stays
+    finally:
+        gc.unfreeze()
+        gc.enable()
 
 
 def compile_one(kernel: Any, types: str) -> None:
     """Compile a kernel for the types of its arguments, unless that is done or under way elsewhere."""
-    from numba.core import types as names
-
-    signature = eval(types, {"__builtins__": {}}, vars(names))  # our own file
+    signature = _signature(types)
     if kernel._cache.is_left(signature, kernel.targetctx):
         kernel.compile(signature)
+
+
+def _signature(types: str) -> Any:
+    from numba.core import types as names
+
+    return eval(types, {"__builtins__": {}}, vars(names))  # our own file
 
 
 def _end_with_input() -> None:

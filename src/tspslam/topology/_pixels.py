@@ -222,8 +222,9 @@ def _scan(table, x0, y0, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _grid(x):  # type: ignore[no-untyped-def]
-    return int(np.floor(x * SUBPIXEL + 0.5))
+def _corner(uv, i):  # type: ignore[no-untyped-def]
+    """Where vertex i is, in whole subpixels."""
+    return int(np.floor(uv[i, 0] * SUBPIXEL + 0.5)), int(np.floor(uv[i, 1] * SUBPIXEL + 0.5))
 
 
 @inlined
@@ -235,9 +236,8 @@ def _sample_face_block(image, table, unit, uv, vertex_ok, faces, block, value, f
         if not ok[f]:
             value[f], face_uv[f, 0], face_uv[f, 1], pixels[f] = 0.0, 0.0, 0.0, 0
             continue
-        total, sum_2u, sum_v, count = _scan(
-            table, _grid(uv[i, 0]), _grid(uv[i, 1]), _grid(uv[j, 0]), _grid(uv[j, 1]), _grid(uv[k, 0]), _grid(uv[k, 1])
-        )
+        (x0, y0), (x1, y1), (x2, y2) = _corner(uv, i), _corner(uv, j), _corner(uv, k)
+        total, sum_2u, sum_v, count = _scan(table, x0, y0, x1, y1, x2, y2)
         pixels[f] = count
         if count > 0:
             value[f] = total * unit / count

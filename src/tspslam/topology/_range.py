@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._jit import inlined, kernel
-from ._pixels import SUBPIXEL, _crossing, _floor_divide, _grid
+from ._pixels import SUBPIXEL, _corner, _crossing, _floor_divide
 
 
 @kernel
@@ -74,7 +74,6 @@ def range_of_faces(image, uv, faces, pixels, out):  # type: ignore[no-untyped-de
         if pixels[f] < 2:
             continue
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        least, most = _scan_range(
-            image, _grid(uv[i, 0]), _grid(uv[i, 1]), _grid(uv[j, 0]), _grid(uv[j, 1]), _grid(uv[k, 0]), _grid(uv[k, 1])
-        )
+        (x0, y0), (x1, y1), (x2, y2) = _corner(uv, i), _corner(uv, j), _corner(uv, k)
+        least, most = _scan_range(image, x0, y0, x1, y1, x2, y2)
         out[f] = most - least

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
 
-from ..._jit import inlined, kernel, reassociated_kernel
+from ..._jit import instructions, kernel, reassociated_kernel
 from ._gradients import gradient_products
 
 Levels = NDArray[np.uint8]
@@ -18,16 +21,25 @@ _BLOCK = 3  # px, half width of the block that strength is summed over
 _RADIUS = 15  # px, of the disc whose centroid gives the orientation
 
 
-@inlined
-def lesser(a: float, b: float) -> float:
-    """Smaller of two numbers, without a branch."""
-    return a if a < b else b
+@instructions
+def lesser(_context: Any, _a: Any, _b: Any) -> Any:
+    """Smaller of two bytes, without a branch; many calls, and as inlined code each would take long to compile."""
+    return _choice("<")
 
 
-@inlined
-def greater(a: float, b: float) -> float:
-    """Larger of two numbers, without a branch."""
-    return a if a > b else b
+@instructions
+def greater(_context: Any, _a: Any, _b: Any) -> Any:
+    """Larger of two bytes, likewise."""
+    return _choice(">")
+
+
+def _choice(sign: str) -> Any:
+    """Type and code of choosing the first of two bytes where it compares so to the second."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.select(builder.icmp_unsigned(sign, *arguments), *arguments)
+
+    return types.uint8(types.uint8, types.uint8), generate
 
 
 @kernel
@@ -93,7 +105,8 @@ def harris(flat: Levels, start: int, stride: int) -> np.float32:
 def find_corners(image: Levels, threshold: int, margin: int) -> tuple[Int64, Float32]:
     """Find the peaks of the segment test with positive Harris response: (N, 2) places (x, y), (N,) responses."""
     height, width = image.shape
-    score, peak = np.zeros((height, width), np.uint8), np.zeros(width, np.uint8)
+    score, peak = np.empty((height, width), np.uint8), np.empty(width, np.uint8)
+    score[:], peak[:] = 0, 0
     segment_scores(image, threshold, margin, score)
     flat, most = image.ravel(), (height * width) // 2  # no two peaks touch along a row
     xy, strength = np.empty((most, 2), np.int64), np.empty(most, np.float32)
@@ -112,9 +125,11 @@ def find_corners(image: Levels, threshold: int, margin: int) -> tuple[Int64, Flo
 @kernel
 def order_by_key(key: NDArray[np.uint32]) -> Int64:
     """Rows in the order of their keys, of equal ones the first first: sorted by 11 bits of the key after the others."""
-    order, after = np.arange(len(key)), np.empty(len(key), np.int64)
+    order, after, begin = np.empty(len(key), np.int64), np.empty(len(key), np.int64), np.empty(2049, np.int64)
+    for k in range(len(key)):
+        order[k] = k
     for shift in (0, 11, 22):
-        begin = np.zeros(2049, np.int64)
+        begin[:] = 0
         for k in range(len(key)):
             begin[((key[k] >> np.uint32(shift)) & np.uint32(2047)) + 1] += 1
         for digit in range(2048):
@@ -134,9 +149,9 @@ def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, hei
     A point within `spacing` px of an earlier one in `order` takes no part. Returns indices, best turn first.
     """
     columns, rows = int(width / side) + 1, int(height / side) + 1
-    given = np.zeros(columns * rows, np.int64)
-    taken = np.zeros((height, width), np.bool_)
-    turn = np.full(len(order), -1, np.int64)
+    given, turn = np.empty(columns * rows, np.int64), np.empty(len(order), np.int64)
+    taken = np.empty((height, width), np.bool_)
+    given[:], turn[:], taken[:] = 0, -1, False
     for k in range(len(order)):
         u, v = uv[order[k], 0], uv[order[k], 1]
         x, y = int(u + 0.5), int(v + 0.5)
@@ -150,7 +165,8 @@ def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, hei
     turns = 0
     for cell in range(len(given)):
         turns = max(turns, given[cell])
-    start = np.zeros(turns + 2, np.int64)  # plain loops: NumPy's functions compile for a second
+    start = np.empty(turns + 2, np.int64)  # plain loops: NumPy's functions compile for a second
+    start[:] = 0
     for k in range(len(order)):
         if turn[k] >= 0:
             start[turn[k] + 1] += 1
@@ -167,10 +183,10 @@ def spread(uv: Float64, order: Int64, side: float, spacing: int, width: int, hei
 @reassociated_kernel
 def orientations(image: Levels, xy: Int64, angle: Float64) -> None:
     """Write the direction from each corner to the centroid of the grey levels around it, rad in [0, 2π)."""
-    reach = np.empty(2 * _RADIUS + 1, np.int64)
+    reach, ramp = np.empty(2 * _RADIUS + 1, np.int64), np.empty(2 * _RADIUS + 1, np.float32)
     for dy in range(-_RADIUS, _RADIUS + 1):
         reach[dy + _RADIUS] = int(np.sqrt((_RADIUS + 0.5) ** 2 - dy * dy))
-    ramp = np.arange(-_RADIUS, _RADIUS + 1).astype(np.float32)
+        ramp[dy + _RADIUS] = dy
     for i in range(xy.shape[0]):
         x, y = xy[i, 0], xy[i, 1]
         along, down = np.float32(0), np.float32(0)

@@ -10,6 +10,8 @@ from ..._jit import inlined, kernel
 Words = NDArray[np.uint64]
 Int64 = NDArray[np.int64]
 
+_FAR = np.iinfo(np.int64).max  # bits: beyond all
+
 
 @inlined
 def hamming(a: Words, b: Words) -> np.int64:
@@ -27,12 +29,12 @@ def hamming(a: Words, b: Words) -> np.int64:
 @kernel
 def nearest_both_ways(first: Words, second: Words, nearest: Int64, bits: Int64, back: Int64) -> None:
     """Find the nearest of the others, of equals the lower row; how many bits it and the next are away, (N, 2)."""
-    least = np.full(second.shape[0], np.iinfo(np.int64).max)
-    away = np.empty(second.shape[0], np.int64)
+    least, away = np.empty(second.shape[0], np.int64), np.empty(second.shape[0], np.int64)
+    least[:] = _FAR
     for i in range(first.shape[0]):
         for j in range(second.shape[0]):
             away[j] = hamming(first[i], second[j])
-        best, best_bits, next_bits = -1, np.iinfo(np.int64).max, np.iinfo(np.int64).max
+        best, best_bits, next_bits = -1, _FAR, _FAR
         for j in range(second.shape[0]):
             if away[j] < least[j]:
                 least[j], back[j] = away[j], i

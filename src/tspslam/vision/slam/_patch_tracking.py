@@ -32,7 +32,8 @@ def aim(
     fy, cx, cy, skew. Warps are for patches that face the reference (`patch_tracking.compute_warps`).
     """
     fx, fy, cx, cy, skew = lens[0], lens[1], lens[2], lens[3], lens[4]
-    R = np.zeros((3, 3))  # from the reference to the current camera
+    R = np.empty((3, 3))  # from the reference to the current camera
+    R[:] = 0
     for i in range(3):
         for j in range(3):
             for k in range(3):
@@ -160,7 +161,8 @@ def track_level(
     side = 2 * radius + 1
     patch, away = np.empty((side + 2, side + 2), np.float32), np.empty((side, side), np.float32)
     blocks = -(-side // LANES)
-    factors = np.zeros((4, side, blocks * LANES), np.float32)
+    factors = np.empty((4, side, blocks * LANES), np.float32)
+    factors[:] = 0
     weight, template, gu, gv, flat = factors[0], factors[1], factors[2], factors[3], factors.ravel()
     taps, images, here = np.empty(8, np.float32), (reference.ravel(), current.ravel()), np.empty(2)
     across, down = taps[:4], taps[4:]
@@ -170,8 +172,9 @@ def track_level(
     for i in range(place.shape[0]):
         score[i] = -1
         if i + 1 < place.shape[0]:
-            prefetch_square(images[0], reference.shape, place[i + 1, 0] / size, place[i + 1, 1] / size, radius + 3)
-            prefetch_square(images[1], current.shape, uv[i + 1, 0] / size, uv[i + 1, 1] / size, radius + 3)
+            coming = place[i + 1], uv[i + 1]
+            for k in range(2):  # one call, as each copy takes time to compile
+                prefetch_square(images[k], current.shape, coming[k][0] / size, coming[k][1] / size, radius + 3)
         here[0], here[1] = place[i, 0] / size, place[i, 1] / size
         if not _sample_warped(reference, here, warp[i], patch):
             continue

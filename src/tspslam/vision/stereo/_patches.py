@@ -126,13 +126,15 @@ def search_rows(
     """
     height, width = image.shape
     widest = 2 * radius + 1
-    weight = np.zeros((widest, -(-widest // LANES) * LANES), np.float32)
+    weight = np.empty((widest, -(-widest // LANES) * LANES), np.float32)
+    weight[:] = 0
     scratch, images = np.empty(3 * (width + LANES), np.float32), (image.ravel(), other.ravel())
     for i in range(xy.shape[0]):
         x, y, r = xy[i, 0], xy[i, 1], radius
         if i + 1 < xy.shape[0]:
-            prefetch_square(images[0], image.shape, xy[i + 1, 0], xy[i + 1, 1], radius)
-            prefetch_square(images[1], other.shape, xy[i + 1, 0] + shift[i + 1, 0], xy[i + 1, 1], radius)
+            near = xy[i + 1, 0], xy[i + 1, 0] + shift[i + 1, 0]
+            for k in range(2):  # one call, as each copy takes time to compile; so below
+                prefetch_square(images[k], image.shape, near[k], xy[i + 1, 1], radius)
         begin = max(x + shift[i, 0], r)
         count = min(x + shift[i, 1], width - 1 - r) - begin + 1
         found[i, 0] = 0
@@ -220,13 +222,15 @@ def align_rows(
     """
     height, width = image.shape
     side = 2 * radius + 1
-    weight = np.zeros((side, -(-side // LANES) * LANES), np.float32)
+    weight = np.empty((side, -(-side // LANES) * LANES), np.float32)
+    weight[:] = 0
     taps, flat, images = np.empty(6, np.float32), weight.ravel(), (image.ravel(), other.ravel())
     for i in range(xy.shape[0]):
         x, y, r = xy[i, 0], xy[i, 1], radius
         if i + 1 < xy.shape[0]:
-            prefetch_square(images[0], image.shape, xy[i + 1, 0], xy[i + 1, 1], radius + 1)
-            prefetch_square(images[1], image.shape, xy[i + 1, 0] + start[i + 1], xy[i + 1, 1], radius + 3)
+            near = np.float64(xy[i + 1, 0]), xy[i + 1, 0] + start[i + 1]
+            for k in range(2):
+                prefetch_square(images[k], image.shape, near[k], xy[i + 1, 1], radius + 1 + 2 * k)
         found[i, :] = 0
         if x <= r or x >= width - r - 1 or y < r or y >= height - r:
             continue
@@ -260,9 +264,8 @@ def sample_window(
 @inlined
 def window_normal(left: Float32, patch: Float32, x: int, y: int, radius: int, weight: Float32, normal: Float64) -> None:
     """Centred normal equations of l ≈ gain · r + a · g_u + b · g_v + offset, as the 4x4 moments of (r, g_u, g_v, l)."""
-    mean = np.zeros(4)
-    values = np.empty(4)
-    normal[:] = 0
+    mean, values = np.empty(4), np.empty(4)
+    mean[:], normal[:] = 0, 0
     for dy in range(2 * radius + 1):
         for dx in range(2 * radius + 1):
             p, q, a, b = x - radius + dx, y - radius + dy, dy + 1, dx + 1
@@ -280,23 +283,23 @@ def window_normal(left: Float32, patch: Float32, x: int, y: int, radius: int, we
 
 
 @inlined
-def determinant3(a: Float64, b: Float64, c: Float64) -> float:
-    """Return the determinant of three columns."""
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) - b[0] * (a[1] * c[2] - a[2] * c[1]) + c[0] * (a[1] * b[2] - a[2] * b[1])
+def determinant3(n: Float64, a: int, b: int, c: int) -> float:
+    """Return the determinant of three columns of a matrix's first three rows."""
+    first = n[0, a] * (n[1, b] * n[2, c] - n[2, b] * n[1, c])
+    second = n[0, b] * (n[1, a] * n[2, c] - n[2, a] * n[1, c])
+    return first - second + n[0, c] * (n[1, a] * n[2, b] - n[2, a] * n[1, b])
 
 
 @inlined
 def plane_step(n: Float64) -> tuple[float, float, bool]:
     """Steps in u and v from the moments of `window_normal`; False where the patch does not fix both."""
-    whole = determinant3(n[:3, 0], n[:3, 1], n[:3, 2])
+    whole = determinant3(n, 0, 1, 2)
     if whole <= 1e-4 * n[0, 0] * n[1, 1] * n[2, 2] or n[3, 3] < _MIN_VARIANCE:
         return 0.0, 0.0, False
-    gain = determinant3(n[:3, 3], n[:3, 1], n[:3, 2]) / whole
+    gain = determinant3(n, 3, 1, 2) / whole
     if gain < 0.1:
         return 0.0, 0.0, False
-    du = determinant3(n[:3, 0], n[:3, 3], n[:3, 2]) / whole / gain
-    dv = determinant3(n[:3, 0], n[:3, 1], n[:3, 3]) / whole / gain
-    return du, dv, True
+    return determinant3(n, 0, 3, 2) / whole / gain, determinant3(n, 0, 1, 3) / whole / gain, True
 
 
 @kernel

@@ -22,8 +22,8 @@ def factor_pattern(n: int, first: Int64, neighbour: Int64) -> tuple[Int64, Int64
     Row i of the lower half has the columns ``neighbour[first[i] : first[i + 1]]``, each below i. Two walks up the
     elimination tree (Liu 1990): one counts the blocks of each column, the other fills in their rows.
     """
-    parent, mark = np.full(n, -1), np.full(n, -1)
-    counts = np.ones(n, np.int64)
+    parent, mark, counts = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    parent[:], mark[:], counts[:] = -1, -1, 1
     for i in range(n):
         mark[i] = i
         for e in range(first[i], first[i + 1]):
@@ -34,9 +34,11 @@ def factor_pattern(n: int, first: Int64, neighbour: Int64) -> tuple[Int64, Int64
                 if parent[j] < 0:
                     parent[j] = i
                 j = parent[j]
-    start = np.zeros(n + 1, np.int64)
-    start[1:] = np.cumsum(counts)
-    row, end = np.empty(start[n], np.int64), start[:-1].copy()
+    start, end = np.empty(n + 1, np.int64), np.empty(n, np.int64)
+    start[0] = 0
+    for i in range(n):
+        start[i + 1], end[i] = start[i] + counts[i], start[i]
+    row = np.empty(start[n], np.int64)
     mark[:] = -1
     for i in range(n):
         mark[i] = i
@@ -95,8 +97,9 @@ def factor_blocks(start: Int64, row: Int64, L: Float64) -> bool:
     False if they are not positive; `L` then holds nothing of use.
     """
     n = start.shape[0] - 1
-    head, after = np.full(n, -1), np.full(n, -1)  # lists of the columns that are next to change a column
+    head, after = np.empty(n, np.int64), np.empty(n, np.int64)  # lists of the columns that are next to change a column
     now, place = np.empty(n, np.int64), np.empty(n, np.int64)
+    head[:], after[:] = -1, -1
     turned = np.empty((6, 6))
     for j in range(n):
         for p in range(start[j], start[j + 1]):

@@ -342,7 +342,16 @@ def _descend(
             damping = max(damping / 10, least) if is_lower else damping * 10
         if not is_lower:
             return is_solvable
-        R[:], t[:], S[:], b[:] = R_new, t_new, S_new, b_new
+        for i in range(
+            6
+        ):  # a copy of whole arrays would compile for seconds, as it can raise a message of their shapes
+            b[i] = b_new[i]
+            for j in range(6):
+                S[i, j] = S_new[i, j]
+        for i in range(3):
+            t[i] = t_new[i]
+            for j in range(3):
+                R[i, j] = R_new[i, j]
         is_enough, before = before - cost <= enough * before, cost
         if is_enough:
             break
@@ -377,7 +386,10 @@ def fit_camera(
             if residual(lens, R, t, X[m], seen[m], p, r):
                 distance[m] = np.sqrt(square_of(r, information[m]))
             if not is_last and distance[m] <= gates[turn]:
-                X[left], seen[left], information[left], rows[left] = X[m], seen[m], information[m], rows[m]
+                for i in range(3):
+                    X[left, i], seen[left, i] = X[m, i], seen[m, i]
+                information[left, 0], information[left, 1] = information[m, 0], information[m, 1]
+                rows[left] = rows[m]
                 left += 1
         count = count if is_last else left
     return count

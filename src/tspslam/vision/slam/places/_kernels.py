@@ -75,7 +75,8 @@ def add_entries(keys: UInt32, word: Int64, done: int, start: Int64, used: UInt32
             if place < 0:
                 return e
             if start[at] >= 0:
-                room[place : place + count] = room[start[at] : start[at] + count]
+                for k in range(count):  # a copy between slices would take seconds to compile
+                    room[place + k] = room[start[at] + k]
                 _give(start[at], np.int64(size[at]), room, free)
             start[at], size[at] = place, np.uint8(larger)
         room[start[at] + count] = _entry(key, word[e // tables])
