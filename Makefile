@@ -45,8 +45,8 @@ types: $(READY_DEV)
 	$(BIN)/mypy
 
 lint: $(READY_DEV)
-	$(BIN)/ruff format --check src tests benchmarks examples experiments docs
-	$(BIN)/ruff check src tests benchmarks examples experiments docs
+	$(BIN)/ruff format --check src tests conftest.py benchmarks examples experiments docs
+	$(BIN)/ruff check src tests conftest.py benchmarks examples experiments docs
 
 house: $(READY_DEV)
 	$(BIN)/python -m pytest -q tests/test_house.py

@@ -8,7 +8,9 @@ import pytest
 from tspslam.errors import InputError
 from tspslam.types import LENSES, RawRig
 from tspslam.vision.calibration._board import _judging as judging
+from tspslam.vision.calibration._board._adjustment import Seen
 from tspslam.vision.calibration._board._lens import HELD, check_lens, is_sound, lens_doubts, rayless
+from tspslam.vision.calibration._board._start import _FOCAL, place_board, start_camera
 from tspslam.vision.calibration._board._views import unusable
 from tspslam.vision.calibration.board import BoardView, Chessboard, Corners, calibrate
 
@@ -54,6 +56,19 @@ def test_the_spread_that_is_told_is_the_spread_that_there_is():
     base = [(found.baseline - BASELINE) / found.baseline_sd for found in trials]
     for z in (focal, base):
         assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.9
+
+
+@pytest.mark.parametrize("count", [6, 7])
+def test_a_focal_length_is_given_up_only_where_it_cannot_be_the_best(count):
+    """The camera of least median error is that of a search through all, of even and odd numbers of views."""
+    views = exact_views(noise=0.3, count=count)
+    seen = [Seen(k, 0, view.left.xyz, view.left.uv) for k, view in enumerate(views)]
+    found, _ = start_camera("brown", SIZE, seen)
+    errors = []
+    for f in SIZE[0] * _FOCAL:
+        camera = np.array([f, f, *found[2:4], *np.zeros(5)])
+        errors.append(np.median([min(place_board("brown", camera, each)[1], 1e3) for each in seen]))
+    assert found[0] == SIZE[0] * _FOCAL[np.argmin(errors)]
 
 
 def test_a_symmetric_board_that_is_numbered_from_its_other_end_gives_the_same():
