@@ -44,6 +44,21 @@ def test_the_path_is_final_once_the_session_is_finished(walk):
     assert evaluate_trajectory(path, truth).ate_rmse_m < 0.02
 
 
+def test_a_path_is_made_final_once_until_a_further_pair_is_processed(walk, monkeypatch):
+    pairs, _ = walk
+    with Session(RIG, STAGES) as session:
+        finished, finish = [], session.odometry.finish
+        monkeypatch.setattr(session.odometry, "finish", lambda: finished.append(finish()))
+        for pair in pairs[:-1]:
+            session.process(pair)
+        path = session.finish()
+        assert path.T_world_camera.tobytes() == session.finish().T_world_camera.tobytes()
+        assert len(finished) == 1
+        session.process(pairs[-1])
+        assert len(session.finish()) == len(pairs)
+        assert len(finished) == 2
+
+
 def test_a_pair_made_ready_gives_the_same_frame_whoever_writes_over_it_since(walk):
     pair = walk[0][0]
     mine = replace(pair, left=pair.left.copy(), right=pair.right.copy())
