@@ -28,7 +28,7 @@ def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *
 
     Vertices carry the response (real, imaginary part, magnitude, phase, defined), their luminance, if they have one,
     and in VTU their numbers. ``tiles.pvd`` opens all VTU files in ParaView at once, ``tileset.json`` all of 3D Tiles in
-    Cesium (`tspslam.scale.stores.tileset`). One chunk is in memory at a time; of 3D Tiles a few.
+    Cesium (`tspslam.scale.stores.tileset.write_tileset`). One chunk is in memory at a time; of 3D Tiles a few.
 
     Parameters
     ----------
