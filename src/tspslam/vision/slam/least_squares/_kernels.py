@@ -342,9 +342,7 @@ def _descend(
             damping = max(damping / 10, least) if is_lower else damping * 10
         if not is_lower:
             return is_solvable
-        for i in range(
-            6
-        ):  # a copy of whole arrays would compile for seconds, as it can raise a message of their shapes
+        for i in range(6):  # copies of whole arrays compile for seconds: they can raise a message of shapes
             b[i] = b_new[i]
             for j in range(6):
                 S[i, j] = S_new[i, j]
