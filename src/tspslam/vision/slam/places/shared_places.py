@@ -18,7 +18,6 @@ from ..keyframes.map import Map
 from ..pose import PoseEstimate
 from .loop_closing import PlaceRecognition
 from .same_motion import is_same_motion
-from .settings import LoopSettings
 
 
 @dataclass(frozen=True, repr=False)
