@@ -349,4 +349,4 @@ def test_what_ffmpeg_meets_in_a_file_is_not_written_on_stderr(tmp_path):
     )
     assert done.stderr == ""
     assert done.stdout.count("\n") <= 2
-    assert cv2.utils.logging.getLogLevel() != cv2.utils.logging.LOG_LEVEL_SILENT
+    assert getattr(cv2.utils, "logging", cv2).getLogLevel() > 0

@@ -27,6 +27,7 @@ _NEAR = 48  # frames: so many are decoded sooner than a place before them is sou
 _BACK = 8, 64, 512  # frames before the one wanted where decoding begins: within its group of pictures, before it, far
 _LED = 16  # frames before a place that OpenCV itself begins to decode at
 _ROWS = 8  # every eighth row is summed: a block of a codec that is wrong has 8 rows or more
+_LOG_NOTHING = 0  # of the levels of OpenCV's log: silent
 _SHORT = 2, 0.01  # frames, and share of them, that a file may have fewer than it says: some say it by a mean rate
 _GREY = "Y800", "GREY", "Y8  "
 _JPEG = "MJPG", "mjpg", "jpeg", "JPEG", "mjpa", "mjpb"
@@ -262,9 +263,9 @@ def silence() -> Iterator[None]:
     import cv2
 
     global _silent, _level
-    log: Any = cv2.utils.logging
+    log: Any = getattr(cv2.utils, "logging", cv2)  # where it is depends on the version
     with _quiet_lock:
-        _level = log.setLogLevel(log.LOG_LEVEL_SILENT) if not _silent else _level
+        _level = log.setLogLevel(_LOG_NOTHING) if not _silent else _level
         _silent += 1
     try:
         yield
