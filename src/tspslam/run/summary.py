@@ -235,7 +235,8 @@ def _two_motions(tracked: Sequence[FrameRecord], odometry: StereoOdometry | None
         frame, agree, other = doubted[0]
         message = (
             f"{len(doubted)} of {len(tracked)} frames show two motions, first frame {tracked[frame].index}: {agree} "
-            f"landmarks agree with the one that was taken, {other} with another, and the path may go with what moves"
+            f"landmarks agree with the one that was taken, {other} with another, known or not, and the path may go "
+            "with what moves"
         )
         yield {"code": "two_motions", "message": message}
 

@@ -14,7 +14,7 @@ from tspslam.run.pipeline import run
 from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.odometry import StereoOdometry
 
-from ...sequences import DETECTOR, RIG, Kept, corridor
+from ...sequences import DETECTOR, RIG, SMALL_RIG, Kept, corridor
 
 NOISE = synthetic.Faults(noise=0.01, blur=0.5)
 
@@ -31,7 +31,7 @@ def step_errors(tracked, truth):
     return np.linalg.norm((inverse(true) @ ours)[:, :3, 3], axis=1)
 
 
-def behind_a_car(width, height, ahead, speed, *, frames=5, seed=0):
+def behind_a_car(width, height, ahead, speed, *, frames=5, seed=0, rig=RIG):
     """A street, 1 m a frame, with a car ahead that is that many metres a frame fast."""
     scene = synthetic.street(30.0, seed=seed)
     T = scene.path[0]
@@ -41,7 +41,7 @@ def behind_a_car(width, height, ahead, speed, *, frames=5, seed=0):
         synthetic.box(width, height, 3.0, texture=look, name="car").at(*place[:3]), velocity=(0, 0, 10 * speed)
     )
     scene = replace(scene, shapes=(*scene.shapes, car), path=scene.path[:frames])
-    return synthetic.SyntheticSequence(scene, RIG, NOISE)
+    return synthetic.SyntheticSequence(scene, rig, NOISE)
 
 
 @pytest.mark.parametrize(
@@ -80,6 +80,25 @@ def test_where_a_car_fills_the_first_image_the_covariance_has_both_motions(seed,
     assert 0.3 < np.sqrt(tracked[1].covariance[5, 5]) < 0.8  # m, of about a metre between the two
     assert odometry.path.doubt_since(0)[5, 5] > tracked[1].covariance[5, 5] / 2
     assert not odometry.path.doubt_since(1).any()
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_car_that_leaves_too_little_of_the_world_is_gone_with_but_not_in_silence(seed):
+    """A small image, 0.73 of it the car: some 30 of 600 landmarks are the street's, too few for a motion."""
+    sequence = behind_a_car(2.5, 3.0, 2.6, 1.1, frames=2, seed=seed, rig=SMALL_RIG)
+    odometry, tracked = drive(list(sequence))
+    assert step_errors(tracked, sequence.truth).max() > 0.5  # the second motion is not known
+    assert [frame for frame, _, _ in odometry.path.doubted] == [1]
+    assert normalised_error(odometry, sequence.truth, 1) < 4
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_small_image_of_a_static_street_has_no_second_motion(seed):
+    scene = synthetic.street(30.0, seed=seed)
+    scene = replace(scene, path=scene.path[:4])
+    odometry, tracked = drive(list(synthetic.SyntheticSequence(scene, SMALL_RIG, NOISE)))
+    assert not any(one.is_lost for one in tracked)
+    assert odometry.path.doubted == []
 
 
 @pytest.mark.parametrize(("seed", "ahead", "speed", "frames"), [(0, 5.0, 0.7, 9), (1, 3.4, 0.95, 6), (0, 4.0, 0.85, 8)])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....types import FloatArray, Rig
 from ...rig import project
@@ -19,6 +20,13 @@ _DEPTHS = (0.1, 0.9)  # quantiles between which depths count
 # Of the support of the pose that is believed: chosen on 40 starts behind a car, where right first steps have rivals of
 # up to 0.83 of it, and on eight drives without one, where there is none above it.
 _DOUBT = 0.3
+_PARTS = 8  # across the image: each holds a dozen of 600 landmarks
+_FEW = 4  # landmarks that tell of a part of the image
+_CHANCE = (
+    0.1  # of landmarks in view that do not agree with a right pose a short step on: 0.00 to 0.06 in rooms, streets
+)
+_REACH = 0.05  # rad: from where a motion is looked for, patches reach a twentieth of the distance
+_AWAY = 0.25  # of the distance of landmarks: as far as motions are looked for
 
 
 def is_clear(
@@ -175,6 +183,65 @@ def with_rival(
     return best if rival is best.rival else replace(best, rival=rival)
 
 
+def with_unknown(
+    rig: Rig, best: PoseEstimate, rows: NDArray[np.int64], xyz: FloatArray, settings: TrackingSettings
+) -> PoseEstimate:
+    """Note beside a pose that what is around its landmarks moves otherwise, though nobody knows how.
+
+    Before a vehicle that fills the view, too little of the world may be left to tell its motion. But after so short a
+    step a pose agrees with nearly all that is in view, wherever it agrees at all; so parts of the image where nothing
+    agrees with it are no chance. Where these are wide and deep beside it, as the world is behind a vehicle, the
+    pose stays open.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    best : PoseEstimate
+        The pose.
+    rows : (R,) int64
+        Landmarks that were looked for.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    settings : TrackingSettings
+        With `patch_radius`.
+
+    Returns
+    -------
+    PoseEstimate
+        The pose; its `rival` is as far away as motions are looked for, in any direction.
+    """
+    uv, depth, rows = _in_view(rig, best.T_world_camera, rows, xyz, 2.0 * settings.patch_radius)
+    if best.rival is not None or not len(rows):
+        return best
+    agrees = np.isin(rows, best.landmark)
+    cell = np.floor(uv * (_PARTS / rig.width)).astype(np.int64)
+    _, part = np.unique(cell[:, 1] * _PARTS + cell[:, 0], return_inverse=True)
+    count, agreeing = np.bincount(part), np.bincount(part, agrees)
+    is_out = ((count >= _FEW) & (agreeing <= _CHANCE * count))[part]
+    left = is_out & ~agrees
+    if left.sum() < settings.min_matches or agrees[~is_out].sum() < (1 - _CHANCE) * (~is_out).sum():
+        return best
+    own, other = (len(_places(rig, uv[some])) * _depth_spread(depth[some]) for some in (left, agrees))
+    if own <= _DOUBT * other:
+        return best
+    far = np.array([_REACH] * 3 + [_AWAY * float(np.median(depth[left]))] * 3)
+    rival = Rival(best.T_world_camera, int(left.sum()), own / (own + other), np.diag(far**2))
+    return replace(best, rival=rival)
+
+
+def _in_view(
+    rig: Rig, T: FloatArray, rows: NDArray[np.int64], xyz: FloatArray, margin: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Places, px, and depths, m, of landmarks that a camera has in view, and their rows."""
+    camera = (xyz[rows] - T[:3, 3]) @ T[:3, :3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = project(rig, camera)
+        inside = ((uv >= margin) & (uv <= np.array([rig.width, rig.height]) - margin)).all(axis=1)
+    inside &= camera[:, 2] > 0
+    return uv[inside], camera[inside, 2], rows[inside]
+
+
 def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) -> float:
     """Places of the image with landmarks that one pose has where they are, another not, times how far they spread.
 
@@ -184,13 +251,22 @@ def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) 
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.linalg.norm(project(rig, (xyz[one.landmark] - T[:3, 3]) @ T[:3, :3]) - one.uv, axis=1)
     is_own = ~(off <= _APART)
-    cells = np.unique(np.floor(one.uv[is_own] * (_PLACES / rig.width)), axis=0)
+    T, cells = one.T_world_camera, _places(rig, one.uv[is_own])
     if len(cells) < 3:
         return 0.0
-    T = one.T_world_camera
-    nearest, farthest = np.quantile((xyz[one.landmark[is_own]] - T[:3, 3]) @ T[:3, 2], _DEPTHS)
-    deep = max(_FLAT, float(np.log(farthest / nearest)))
+    deep = _depth_spread((xyz[one.landmark[is_own]] - T[:3, 3]) @ T[:3, 2])
     return float(len(cells) * deep * np.sqrt(max(np.linalg.det(np.cov(cells.T)), 0.0)))
+
+
+def _places(rig: Rig, uv: FloatArray) -> FloatArray:
+    """Places of the image with landmarks."""
+    return np.unique(np.floor(uv * (_PLACES / rig.width)), axis=0)
+
+
+def _depth_spread(depth: FloatArray) -> float:
+    """How far landmarks spread in depth, in its logarithm."""
+    nearest, farthest = np.quantile(depth, _DEPTHS)
+    return max(_FLAT, float(np.log(farthest / nearest)))
 
 
 def _distance(estimate: PoseEstimate, T_world_camera: FloatArray, xyz: FloatArray) -> float:

@@ -18,13 +18,14 @@ from ..keyframes.map import Map
 from ..places.loop_closing import PlaceRecognition
 from ..pose import PoseEstimate, fit_robustly, solve_pnp
 from ..tracking import Reference, TrackingSettings, track_closely, track_pose
-from .choosing import are_close, choose_pose, choose_widest, is_clear, with_rival
+from .choosing import are_close, choose_pose, choose_widest, is_clear, with_rival, with_unknown
 from .uncertainty import Sources, pose_covariance, rival_spread
 
 _HELD = 0.5  # share of the landmarks from which the last keyframe is the one that a pose is held by
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
 _BOX = (0.1, 0.9)  # quantiles along both axes: what is far away agrees with any motion, and is everywhere
 _AHEAD = (0.0, 0.05, 0.1, 0.2)  # of the landmarks' distance: patches reach as far from each
+_REST = 0.4  # of what the largest motion leaves in view: 0.48 to 0.72 where the motion is right, 0.33 at most elsewhere
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
 _LEAST_PLACE = 2  # times the landmarks that prove a place: where a recording begins, nothing else says where that is
 _CANDIDATES = 20  # keyframes that a recording may begin near, some 10 ms each: it is asked once
@@ -142,7 +143,10 @@ class Locator:
             best = self._choose(found)
             if best is not None and best.share >= self.settings.clear_share:
                 break
-        return best
+        if best is None:
+            return None
+        rows = np.unique(np.concatenate([reference.landmark for reference in self.map_.references()]))
+        return with_unknown(self.map_.rig, best, rows, self.map_.xyz, self.settings)
 
     def look_up(self, image: PreparedImage) -> PoseEstimate | None:
         """Find where in the whole map a recording begins, by its descriptors.
@@ -236,18 +240,29 @@ class Locator:
         map_ = self.map_
         taken = max((one.landmark for one in found), key=len, default=np.empty(0, np.int64))
         rest = [_around(each, taken) for each in map_.references()]
-        rows, best = np.concatenate([each.landmark for each in rest]), None
+        rows = np.concatenate([each.landmark for each in rest])
         if not len(rows):
             return None
         far = float(np.median((map_.xyz[rows] - guess[:3, 3]) @ guess[:3, 2]))
         ahead = [guess.copy() for _ in _AHEAD]
         for T, share in zip(ahead, _AHEAD, strict=True):
             T[:3, 3] += share * far * guess[:3, 2]
-        for T in [*(one.T_world_camera for one in found), *ahead]:
-            near = track_pose(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings)
-            if near is not None and (best is None or len(near) > len(best)):
-                best = near
-        return None if best is None else self._track_closely(image, best.T_world_camera)
+        places, best = [*(one.T_world_camera for one in found), *ahead], None
+        for track in (track_pose, track_closely):  # the second where the coarse levels see too little of what is left
+            if best is None:
+                near = (track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in places)
+                best = max((one for one in near if one is not None), key=len, default=None)
+        return None if best is None else self._widened(image, best, rest)
+
+    def _widened(self, image: PreparedImage, near: PoseEstimate, rest: list[Reference]) -> PoseEstimate | None:
+        """A pose of landmarks around the largest motion, with all that agree; without those where they are too few."""
+        wide = self._track_closely(image, near.T_world_camera)
+        if wide is not None and wide.share >= self.settings.relocalized_share:
+            return wide
+        map_ = self.map_
+        again = track_closely(map_.rig, image.pyramid, rest, map_.xyz, near.T_world_camera, self.settings)
+        near = max(near, again or near, key=len)
+        return near if near.share >= _REST else None
 
     def _track_again(self, image: PreparedImage, found: PoseEstimate | None) -> PoseEstimate | None:
         """A pose from few landmarks once more, from where it is: a second motion's keypoints lead there roughly."""
