@@ -327,14 +327,16 @@ def covariance_against_keyframe(
     (int, (6, 6) float64)
         Number of that keyframe's frame, and the covariance.
     """
-    rows = estimate.landmark
-    is_seen = np.array([np.isin(rows, frame.landmark) for frame in map_.keyframes[-map_.window :]])
+    rows, window = estimate.landmark, map_.keyframes[-map_.window :]
+    seen, sight = _match(rows, np.concatenate([frame.landmark for frame in window]))
+    views = np.maximum(np.bincount(seen, minlength=len(rows)), 1)
     if place is None:
         place = len(map_.keyframes) - 1
-        if is_seen[-1].mean() < _HELD:
+        before_last = sum(len(frame.landmark) for frame in window[:-1])
+        if np.count_nonzero(sight >= before_last) < _HELD * len(rows):
             place = max(map_.seen_by(rows), key=lambda k: int(np.isin(rows, map_.keyframes[k].landmark).sum()))
     holder = map_.keyframes[place]
-    views, pull = np.maximum(is_seen.sum(axis=0), 1), _pull(map_, holder, rows)
+    pull = _pull(map_, holder, rows)
     sources = Sources(holder.T_world_camera, pull, views, sigma_uv, sigma_disparity, offset_std)
     covariance = pose_covariance(map_.rig, estimate, map_.xyz, sources)
     if estimate.rival is not None:
@@ -344,9 +346,18 @@ def covariance_against_keyframe(
 
 def _pull(map_: Map, frame: Keyframe, landmark: NDArray[np.int64]) -> FloatArray:
     """How far from where its pose has them a keyframe saw landmarks, (K, 3) px; 0 where it did not."""
-    pull, (_, rows, own) = np.zeros((len(landmark), 3)), np.intersect1d(landmark, frame.landmark, return_indices=True)
+    pull, (rows, own) = np.zeros((len(landmark), 3)), _match(landmark, frame.landmark)
     rig, T = map_.rig, frame.T_world_camera
     camera = (map_.xyz[landmark[rows]] - T[:3, 3]) @ T[:3, :3]
     expected = np.column_stack([project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs])
     pull[rows] = np.nan_to_num(np.column_stack([frame.uv[own], frame.disparity[own]]) - expected)
     return pull
+
+
+def _match(landmark: NDArray[np.int64], seen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of the landmarks, each there once, are seen, and which sights these are: one look-up for all keyframes."""
+    order = np.argsort(landmark)
+    ascending = landmark[order]
+    at = np.minimum(np.searchsorted(ascending, seen), len(landmark) - 1)
+    own = np.flatnonzero(ascending[at] == seen)
+    return order[at[own]], own

@@ -79,10 +79,10 @@ def _summed(uv: FloatArray, width: int, residual: FloatArray, slope: FloatArray)
     order = np.argsort(number, kind="stable")
     is_measured = slope.any(axis=2)
     parts = np.concatenate([np.stack([residual, residual**2, is_measured], axis=2), slope], axis=2)
-    filled, start = np.unique(number[order], return_index=True)
-    grid = np.zeros((rows * columns, 3, 9))
-    if len(filled):
-        grid[filled] = np.add.reduceat(parts[order], start, axis=0)
+    number, grid = number[order], np.zeros((rows * columns, 3, 9))
+    start = np.flatnonzero(np.diff(number, prepend=-1))
+    if len(start):
+        grid[number[start]] = np.add.reduceat(parts[order], start, axis=0)
     return grid.reshape(rows, columns, 3, 9)
 
 
