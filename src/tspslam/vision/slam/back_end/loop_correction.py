@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..least_squares.pose_graph import PoseEdges, optimise_poses
 from ..pose import PoseEstimate
 from .seen_again import called_now, join_sights
 
+_AT_ONCE = 8192  # landmarks that are moved at a time: their motions, 1 MB, stay near the processor
 _LEAST_SHARED = 15  # landmarks that make two keyframes neighbours (Mur-Artal et al. 2015)
 # Information of each edge besides that of the landmarks: neighbours are some metres and less than a right angle apart.
 _LOOSE = np.diag([1.0] * 3 + [1e-2] * 3)  # 1 rad, 10 m
@@ -346,8 +347,10 @@ def close_loop(map_: Map, correction: LoopCorrection, same_landmark: float) -> N
     loop, frames = _seen_again(map_), map_.keyframes
     of_frame, of_landmark = _followed(map_, correction)
     T = correction.motions[of_frame] @ np.stack([frame.T_world_camera for frame in frames])
-    map_.keyframes = [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, T, strict=True)]
-    map_.xyz[:] = move_points(correction.motions[of_landmark], map_.xyz)
+    map_.keyframes = [frame.at(pose) for frame, pose in zip(frames, T, strict=True)]
+    for first in range(0, len(map_.xyz), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        map_.xyz[some] = move_points(correction.motions[of_landmark[some]], map_.xyz[some])
     map_.unsettled |= set(correction.unsettled.tolist()) & {frame.index for frame in frames}
     map_.loop = None
     _join_sights(map_, loop, same_landmark)

