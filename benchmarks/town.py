@@ -61,20 +61,22 @@ def follow(town: Town, folder: Path, wanted: slice, settings: tuple[str, ...]) -
     with tempfile.TemporaryDirectory() as out, RunFolder.create(f"{out}/run", {}) as kept:
         session = Session(sequence.rig, resolved, keep=False)
         run = SequenceRun(sequence, places, session, kept)
+        before: list[tuple[float, Trajectory]] = []  # when the last frame was done, and the path as it was then
         clock, cpu = time.perf_counter(), time.process_time()
-        for done, index in run.proceed(lambda frame: times.waited.append(frame.seconds.get("wait", 0.0))):
+        for done, index in run.proceed(
+            lambda frame: times.waited.append(frame.seconds.get("wait", 0.0)),
+            lambda: before.append((time.perf_counter(), run.trajectory)),
+        ):
             times.clock.append(time.perf_counter() - clock)
             times.cpu.append(time.process_time() - cpu)
             if done % OFTEN == 0:
                 say(run, done, inverse(sequence.truth[places.start]) @ sequence.truth[index])
             clock, cpu = time.perf_counter(), time.process_time()
-        before = run.trajectory
-        started = time.perf_counter()
-        path = run.session.finish()
-        finished, peak = time.perf_counter() - started, resident()  # what measures takes memory, too
+        finished, peak = time.perf_counter() - before[0][0], resident()  # what measures takes memory, too
+        path = run.trajectory
         truth = Trajectory(sequence.stamps[places.start : places.stop], sequence.truth[places.start : places.stop])
         found = measure(path, truth, run.session.odometry)
-        found["ATE before the last adjustment, m"] = evaluate_trajectory(before, truth).ate_rmse_m
+        found["ATE before the last adjustment, m"] = evaluate_trajectory(before[0][1], truth).ate_rmse_m
         is_lost = np.flatnonzero([row.is_lost for row in run.tracked])
         found |= {"seconds of the last adjustment": finished, "frames lost": len(is_lost), "lost": runs(is_lost)}
         session.close()

@@ -81,7 +81,7 @@ def test_a_fresh_folder_is_announced_and_then_used(tmp_path):
     assert said(say)
     use = (
         "from tspslam.run._compiling import compile_one, listed; from tspslam.topology import _harmonics\n"
-        "[compile_one(_harmonics.filter_one_ring, types) for _, name, types in listed() if name == 'filter_one_ring']"
+        "[compile_one(*row) for row in listed() if row[1] == 'filter_one_ring']"
     )
     assert not said(use)
     assert not said(say)
@@ -227,6 +227,25 @@ def test_a_helper_that_fails_is_told_of_in_one_line(tmp_path, caplog, monkeypatc
     assert [record.message for record in caplog.records] == [
         "a process that compiled kernels ahead ended with code 1: ModuleNotFoundError: No module named 'tspslam'"
     ]
+
+
+def test_a_helper_that_is_done_before_the_block_ends_says_nothing(tmp_path, caplog, monkeypatch):
+    row = next(" ".join(row) for row in listed() if row[1] == "make_keys")
+    (tmp_path / "list.txt").write_text(f"{row}\n")
+    call = f"c.LIST = c.Path({str(tmp_path / 'list.txt')!r}); c.compile_listed(True)"
+    code = f"import sys; sys.path[:] = {sys.path!r}; from tspslam.run import _compiling as c; {call}"
+    begin = subprocess.Popen
+    monkeypatch.setattr(_compiling.subprocess, "Popen", lambda _, **given: begin([sys.executable, "-c", code], **given))
+    with caplog.at_level(logging.WARNING, "tspslam"), _compiling._helper(True) as process:
+        assert process.wait() == 0
+    assert caplog.records == []
+
+
+def test_what_a_helper_says_does_not_stop_it(monkeypatch):
+    code, begin = "import sys; sys.stderr.write('x' * 1_000_000)", subprocess.Popen
+    monkeypatch.setattr(_compiling.subprocess, "Popen", lambda _, **given: begin([sys.executable, "-c", code], **given))
+    with _compiling._helper(True) as process:
+        assert process.wait() == 0
 
 
 def test_a_full_disk_under_the_cache_costs_only_time(tmp_path):

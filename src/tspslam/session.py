@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import fields, replace
 from functools import cached_property
-from threading import RLock
+from threading import Lock, RLock
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -138,7 +138,7 @@ class Session:
             self.odometry.foresight.on_due = lambda: self._detect_ahead(self._coming)
         self._busy: Future[Any] | None = None
         self._is_closed = self._is_final = False
-        self._lock = RLock()
+        self._lock, self._ahead = RLock(), Lock()  # the latter for the pair that comes next
 
     def __repr__(self) -> str:
         closed = ", closed" if self._is_closed else ""
@@ -186,7 +186,8 @@ class Session:
         except TspSlamError:
             return pair
         self.odometry.fill(ready)
-        self._coming = ready
+        with self._ahead:
+            self._coming = ready
         return ready
 
     def process(self, pair: StereoPair) -> Frame:
@@ -245,9 +246,10 @@ class Session:
         if not isinstance(pair, PreparedPair):
             pair = _own(pair)
         self._detect_ahead(pair)
-        self._coming = None if self._coming is pair else self._coming
-        self._is_final = False
+        with self._ahead:
+            self._coming = None if self._coming is pair else self._coming
         tracked = self.odometry.process(pair)
+        self._is_final = False
         require(tracked, Tracked, "odometry: result")
         frame = _build_frame(_plain(pair), tracked, self.settings)
         if frame.is_keyframe or self.settings.tracking.every_frame:
@@ -262,9 +264,10 @@ class Session:
     def _detect_ahead(self, pair: StereoPair | None) -> None:
         """Have keypoints detected in a thread if the pair, the next one, is likely to become a keyframe."""
         odometry = self.odometry
-        is_likely = isinstance(odometry, StereoOdometry) and odometry.foresight.is_due
-        if is_likely and isinstance(pair, PreparedPair) and self._scout.is_beside:
-            self._scout.submit(pair.detect, self.settings.detector)  # what fails does so again when it is asked for
+        if not isinstance(pair, PreparedPair) or not isinstance(odometry, StereoOdometry):
+            return
+        if odometry.foresight.is_due and self._scout.is_beside:
+            self._scout.submit(odometry.detect, pair)  # what fails does so again when it is asked for
 
     @property
     def busy(self) -> Future[Any] | None:

@@ -54,7 +54,8 @@ class Settings:
     Attributes
     ----------
     detector : callable, image -> Features
-        Finds keypoints.
+        Finds keypoints. Threads call it at the same time, ahead of need, and now and then in vain: it must give the
+        same for the same image, whatever it was called with before.
     matcher : callable, (Features, Features, StereoPair) -> matches
         Finds them again in the right image.
     tracking : Tracking

@@ -10,10 +10,11 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from .._jit import find_folder, is_cached
 from .._threads import thread_count
@@ -29,6 +30,7 @@ Before the empty line is what a first frame needs, the longest first, so that al
 is in the order of need, and last what only a loop needs.
 """
 _HELPERS = 2  # processes; more gain little, as each first spends a second on what numba itself needs
+_TAIL = 4096  # bytes of what a helper said that its last line is looked for in
 _OF_PATHS = ".slam."  # in the names of modules that a run of one pair does not need
 
 
@@ -67,34 +69,43 @@ def compiling(*, is_sequence: bool, has_frames: bool = True) -> Iterator[None]:
 @contextlib.contextmanager
 def _helper(is_sequence: bool) -> Iterator[subprocess.Popen[bytes] | None]:
     """A process that compiles until the block ends; none where this interpreter cannot be started again."""
-    process = _begin(is_sequence)
-    if process is None:
+    begun = _begin(is_sequence)
+    if begun is None:
         yield None
         return
-    try:
-        yield process
-    finally:
-        said = process.communicate()[1]  # which closes its input: by that it ends
-    if process.returncode:
-        why = (said.decode(errors="replace").strip() or "it said nothing").splitlines()[-1]
-        _log.warning("a process that compiled kernels ahead ended with code %d: %.200s", process.returncode, why)
+    process, said = begun
+    with said:
+        try:
+            yield process
+        finally:
+            process.communicate()  # which closes its input: by that it ends
+        if process.returncode:
+            said.seek(max(0, said.tell() - _TAIL))
+            why = (said.read().decode(errors="replace").strip() or "it said nothing").splitlines()[-1]
+            _log.warning("a process that compiled kernels ahead ended with code %d: %.200s", process.returncode, why)
 
 
-def _begin(is_sequence: bool) -> subprocess.Popen[bytes] | None:
+def _begin(is_sequence: bool) -> tuple[subprocess.Popen[bytes], IO[bytes]] | None:
+    """The process, and the file that it says into: a pipe that nobody reads would stop it once it is full."""
     call = f"from {__name__} import compile_listed; compile_listed({is_sequence})"
-    code, pipe = f"import sys; sys.path[:] = {sys.path!r}; {call}", subprocess.PIPE
+    code = f"import sys; sys.path[:] = {sys.path!r}; {call}"
     with contextlib.suppress(OSError):
         if sys.executable and not getattr(sys, "frozen", False):
-            command = [sys.executable, "-c", code]
-            return subprocess.Popen(command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe)
+            command, quiet = [sys.executable, "-c", code], subprocess.DEVNULL
+            said = tempfile.TemporaryFile()  # noqa: SIM115 - the helper's, which closes it
+            return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=quiet, stderr=said), said
     return None
 
 
 def compile_listed(is_sequence: bool) -> None:
-    """Compile what is listed, and neither there nor being compiled; end when standard input does."""
+    """Compile what is listed, and neither there nor being compiled; end this process then, or when its input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is for the process that started this one
     threading.Thread(target=_end_with_input, daemon=True).start()
-    _compile_left(listed(is_sequence=is_sequence))
+    gc.disable()  # a compiler's objects are looked through again and again otherwise: a tenth of its time
+    for row in listed(is_sequence=is_sequence):
+        compile_one(*row)
+        gc.collect()
+        gc.freeze()  # what is left by now stays
 
 
 def compile_first(*, is_sequence: bool) -> None:
@@ -103,26 +114,15 @@ def compile_first(*, is_sequence: bool) -> None:
     numba loads and compiles one kernel at a time in a process: a frame could load none while a later kernel compiles.
     """
     rows = listed(is_sequence=is_sequence, is_first=True)
-    _compile_left(rows)
+    for row in rows:
+        compile_one(*row)
     for module, name, types in rows:
         getattr(importlib.import_module(module), name).compile(_signature(types))
 
 
-def _compile_left(rows: list[tuple[str, str, str]]) -> None:
-    gc.disable()  # a compiler's objects are looked through again and again otherwise: a tenth of its time
-    try:
-        for module, name, types in rows:
-            compile_one(getattr(importlib.import_module(module), name), types)
-            gc.collect()
-            gc.freeze()  # what is left by now stays
-    finally:
-        gc.unfreeze()
-        gc.enable()
-
-
-def compile_one(kernel: Any, types: str) -> None:
+def compile_one(module: str, name: str, types: str) -> None:
     """Compile a kernel for the types of its arguments, unless that is done or under way elsewhere."""
-    signature = _signature(types)
+    kernel, signature = getattr(importlib.import_module(module), name), _signature(types)
     if kernel._cache.is_left(signature, kernel.targetctx):
         kernel.compile(signature)
 
@@ -134,5 +134,6 @@ def _signature(types: str) -> Any:
 
 
 def _end_with_input() -> None:
-    sys.stdin.buffer.read()
+    while os.read(0, 1024):  # not through `sys.stdin`, which an interpreter that ends while it is read aborts for
+        pass
     os._exit(0)

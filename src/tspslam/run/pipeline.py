@@ -238,7 +238,7 @@ def _process_all(
 ) -> dict[str, Any]:
     """Process what is left, then write what is known at the end; returns the content of ``run.json``."""
     at("tracking")
-    for done, index in sequence.proceed(on_frame):
+    for done, index in sequence.proceed(on_frame, lambda: at("adjustment")):
         at("tracking")
         if progress:
             progress(done, len(sequence.wanted), f"frame {index}")
@@ -249,7 +249,6 @@ def _process_all(
         if sequence.last_error and total == 1:
             raise sequence.last_error
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
-    at("adjustment")
     finish_path(sequence)
     if sequence.session.settings.mapping.fix_offset:
         fix_offset(sequence)

@@ -160,13 +160,17 @@ class SequenceRun:
         first = np.diff(path.stamp, prepend=-np.inf) > 0
         return Trajectory(path.stamp[first], path.T_world_camera[first])
 
-    def proceed(self, on_frame: OnFrame | None = None) -> Iterator[tuple[int, int]]:
+    def proceed(
+        self, on_frame: OnFrame | None = None, on_end: Callable[[], object] | None = None
+    ) -> Iterator[tuple[int, int]]:  # fmt: skip
         """Process one pair after another, the next one read meanwhile; after the last one the path is final.
 
         Parameters
         ----------
         on_frame : callable, optional
             Called with each `Frame`, before a checkpoint counts it as done.
+        on_end : callable, optional
+            Called when the last pair is done, before the path is made final.
 
         Yields
         ------
@@ -185,12 +189,12 @@ class SequenceRun:
                 is_last = done == len(self.wanted) and not is_growing
                 if is_last or (done >= self._saved + _EVERY + _SHARE * self._saved and not self._is_closing_loop):
                     self._save()
-                if is_last:
-                    self._finish()
                 yield done, index
             if is_growing:
                 self._save()
-                self._finish()
+            if on_end is not None:
+                on_end()
+            self._finish()
 
     def _arriving(self) -> Iterator[tuple[int, _Arrived]]:
         """Pairs as they come; the wanted ones grow with them."""
@@ -340,7 +344,8 @@ class SequenceRun:
 
     def _finish(self) -> None:
         """Make the path final while the last frames and the checkpoint, which is from before that, are written."""
-        self.session.finish()
+        if self.tracked:
+            self.session.finish()
         self._wait_for_writing(0)
         self._finish_saving()
 

@@ -257,6 +257,16 @@ class StereoOdometry:
         if images.disparity is None:
             level_planes(images, self._row_offset)
 
+    def detect(self, images: PreparedPair) -> None:
+        """Make ready what a keyframe needs of its images besides, in any thread.
+
+        Parameters
+        ----------
+        images : PreparedPair
+            What it shows.
+        """
+        images.detect(self._detect)
+
     def _measure(self, images: PreparedPair, estimate: PoseEstimate) -> FloatArray:
         """Disparities of the landmarks of an estimate."""
         return measure_disparities(self.map.rig, images, estimate, self.map.xyz, self._near, self._row_offset)
