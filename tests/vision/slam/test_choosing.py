@@ -100,6 +100,18 @@ def test_parts_of_the_image_that_nothing_agrees_with_leave_a_pose_open_where_the
     assert with_unknown(rig, by_chance, all_, xyz, settings) is by_chance  # a long step, or blur: some everywhere
 
 
+def test_a_pose_that_other_landmarks_tell_is_not_doubted_by_those_that_were_not_looked_for_from_it():
+    """One that older keyframes led to shares some landmarks with the last ones, or none; or all, at the rim."""
+    rig, xyz, _, car = behind_a_rear((240, 160))
+    all_, settings = np.arange(len(xyz)), TrackingSettings()
+    for known in (car.landmark[::2], car.landmark):
+        assert with_unknown(rig, car, np.setdiff1d(all_, known), xyz, settings) is car
+    rim = np.flatnonzero(xyz[:, 0] / xyz[:, 2] < (settings.patch_radius - rig.cx) / rig.fx)
+    assert len(rim) > 5
+    at_rim = seen(rig, xyz, rim, np.eye(4))
+    assert with_unknown(rig, at_rim, all_, xyz, settings) is at_rim
+
+
 def test_a_thing_that_moves_within_the_view_does_not_leave_the_pose_of_the_world_open():
     """A fifth of the image, and flat, beside what is deep."""
     rig, xyz, _, _ = behind_a_rear()

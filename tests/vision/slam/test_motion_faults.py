@@ -200,3 +200,17 @@ def test_after_thirty_black_frames_a_camera_is_found_within_three(walk, moved):
     assert from_first(tracked[-1], walk.truth[places[-1]]) < 0.05
     assert np.isfinite(odometry.covariance_from_start(len(pairs) - 1)).all()
     assert np.isinf(odometry.covariance_from_start(seen + 10)).all()
+
+
+@pytest.mark.parametrize("length", [9.0, 15.0, 40.0])
+def test_a_camera_that_is_put_back_to_where_it_began_is_found_there_without_a_doubt(length):
+    """Older keyframes tell where it is: that the last ones' landmarks are not there says nothing against it."""
+    walk = corridor(length, SMALL_RIG)
+    black, end = np.zeros_like(walk[0].left), len(walk)
+    dark = [shown(replace(walk[0], left=black, right=black), end + k) for k in range(2)]
+    odometry, tracked = drive([*walk, *dark, *(shown(walk[k], end + 2 + k) for k in range(2))])
+    for one, k in zip(tracked[-2:], range(2), strict=True):
+        assert not one.is_lost
+        assert from_first(one, walk.truth[k]) < 0.01
+        assert np.sqrt(np.trace(one.covariance[3:, 3:])) < 0.05  # m; metres where every direction counts as open
+    assert odometry.path.doubted == []

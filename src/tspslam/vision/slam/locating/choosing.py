@@ -20,13 +20,13 @@ _DEPTHS = (0.1, 0.9)  # quantiles between which depths count
 # Of the support of the pose that is believed: chosen on 40 starts behind a car, where right first steps have rivals of
 # up to 0.83 of it, and on eight drives without one, where there is none above it.
 _DOUBT = 0.3
+# The next six by hand, on first steps behind a vehicle in synthetic streets of seeds 0 and 1.
 _PARTS = 8  # across the image: each holds a dozen of 600 landmarks
 _FEW = 4  # landmarks that tell of a part of the image
-_CHANCE = (
-    0.1  # of landmarks in view that do not agree with a right pose a short step on: 0.00 to 0.06 in rooms, streets
-)
-_REACH = 0.05  # rad: from where a motion is looked for, patches reach a twentieth of the distance
-_AWAY = 0.25  # of the distance of landmarks: as far as motions are looked for
+_STRAY = 0.1  # of the landmarks in a part, at most, that agree by chance with a pose that is not theirs
+_MISSED = 0.1  # of the landmarks elsewhere that a right pose a short step on may lack: 0.00 to 0.06 in rooms, streets
+_TURN = 0.05  # rad, standard deviation of an unknown turn: how far patches reach from where a motion is looked for
+_AWAY = 0.25  # of the landmarks' distance, the same of its way: the farthest guess ahead, 0.2, and that reach
 
 
 def is_clear(
@@ -188,6 +188,9 @@ def with_unknown(
 ) -> PoseEstimate:
     """Note beside a pose that what is around its landmarks moves otherwise, though nobody knows how.
 
+    That can only be said of a pose that was found among the landmarks in question: one that older keyframes led to was
+    never tried on those of the last ones, and stays as it is.
+
     Before a vehicle that fills the view, too little of the world may be left to tell its motion. But after so short a
     step a pose agrees with nearly all that is in view, wherever it agrees at all; so parts of the image where nothing
     agrees with it are no chance. Where these are wide and deep beside it, as the world is behind a vehicle, the
@@ -200,7 +203,7 @@ def with_unknown(
     best : PoseEstimate
         The pose.
     rows : (R,) int64
-        Landmarks that were looked for.
+        Landmarks that were looked for, if the pose is one of theirs.
     xyz : (M, 3) float64
         All landmarks, m.
     settings : TrackingSettings
@@ -211,21 +214,23 @@ def with_unknown(
     PoseEstimate
         The pose; its `rival` is as far away as motions are looked for, in any direction.
     """
-    uv, depth, rows = _in_view(rig, best.T_world_camera, rows, xyz, 2.0 * settings.patch_radius)
-    if best.rival is not None or not len(rows):
+    if best.rival is not None or not np.isin(best.landmark, rows).all():
         return best
+    uv, depth, rows = _in_view(rig, best.T_world_camera, rows, xyz, 2.0 * settings.patch_radius)
     agrees = np.isin(rows, best.landmark)
+    if not agrees.any():
+        return best
     cell = np.floor(uv * (_PARTS / rig.width)).astype(np.int64)
     _, part = np.unique(cell[:, 1] * _PARTS + cell[:, 0], return_inverse=True)
     count, agreeing = np.bincount(part), np.bincount(part, agrees)
-    is_out = ((count >= _FEW) & (agreeing <= _CHANCE * count))[part]
+    is_out = ((count >= _FEW) & (agreeing <= _STRAY * count))[part]
     left = is_out & ~agrees
-    if left.sum() < settings.min_matches or agrees[~is_out].sum() < (1 - _CHANCE) * (~is_out).sum():
+    if left.sum() < settings.min_matches or agrees[~is_out].sum() < (1 - _MISSED) * (~is_out).sum():
         return best
     own, other = (len(_places(rig, uv[some])) * _depth_spread(depth[some]) for some in (left, agrees))
     if own <= _DOUBT * other:
         return best
-    far = np.array([_REACH] * 3 + [_AWAY * float(np.median(depth[left]))] * 3)
+    far = np.array([_TURN] * 3 + [_AWAY * float(np.median(depth[left]))] * 3)
     rival = Rival(best.T_world_camera, int(left.sum()), own / (own + other), np.diag(far**2))
     return replace(best, rival=rival)
 
