@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.patience import PATIENCE
 from tspslam import build_complex, cli, merge_cells, merge_signals, read_calibration, rectification, tmahf
 from tspslam.io import read_frame, read_ply, read_vtu, write_ply
 from tspslam.run.config import resolve
@@ -283,6 +284,40 @@ def test_an_interrupted_run_says_how_to_resume_and_resumes(capsys, sequence):
     shutil.rmtree(sequence / "out")
     assert type_in(capsys, *words)[0] == 0
     assert resumed == content(sequence / "out")
+
+
+LOST = """
+import ctypes, signal, threading
+from tspslam.cli import entry
+signal.signal(signal.SIGINT, signal.default_int_handler)
+called_back = ctypes.CFUNCTYPE(None)(lambda: [signal.raise_signal(signal.SIGINT), *range(1000)] and None)
+def run(_):
+    called_back()  # what is raised in it is dropped
+    {then}
+entry._run = run
+entry.main()
+"""
+
+
+@pytest.mark.parametrize("then", ["signal.pause()", "raise RuntimeError('no compiled object yet')"])
+def test_an_interrupt_in_a_callback_of_a_compiler_is_not_lost(then):
+    done = subprocess.run([sys.executable, "-c", LOST.format(then=then), "run"], capture_output=True, text=True)
+    said = "tspslam: interrupted; the same command goes on where this one stopped\n"
+    assert (done.returncode, done.stderr) == (130, said)
+
+
+def test_a_thread_that_does_not_end_keeps_no_interrupted_command():
+    script = (
+        "import threading\n"
+        "from tspslam.cli import entry\n"
+        "def run(_):\n"
+        "    threading.Thread(target=threading.Event().wait).start()\n"
+        "    raise KeyboardInterrupt\n"
+        "entry._run, entry._LAST = run, 0.1\n"
+        "entry.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, "run"], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 130
 
 
 def test_an_interrupt_at_the_door_of_a_compiled_loop_is_one(capsys, monkeypatch):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import io
 import os
 import re
 import signal
 import sys
+import threading
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -18,6 +21,9 @@ from ..printing import hold_streams, listen, note, say
 from . import board, jobs, join, look, runs, scale, show, stores, uses  # noqa: F401  (each hangs its commands on the parser)
 from ._shared import BAD_INPUT, COMPLETE, INTERNAL, INTERRUPTED, NOT_WRITTEN, USAGE, app
 
+_AGAIN = 0.05  # s after which an interrupt that was lost in a callback is given again
+_LAST = 10.0  # s that threads have to end after an interrupt: a step of a run takes less
+_is_lost = threading.Event()  # an interrupt came in a callback of C, which cannot pass it on
 _UsageError = typer.BadParameter.__mro__[1]  # click's, wherever this version of typer keeps it
 
 
@@ -37,14 +43,32 @@ def main() -> None:
     hold_streams()
     listen()
     signal.signal(signal.SIGTERM, _interrupt)  # what was begun is taken away, as at ctrl-C
+    sys.unraisablehook = _heed
     os.environ["MPLBACKEND"] = "agg"  # no window is opened; a name that Matplotlib no longer knows would end the run
     code = exit_code(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
+    if code == INTERRUPTED:
+        _call_later(_LAST, lambda: os._exit(code))
     sys.exit(code)
 
 
 def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+def _heed(lost: sys.UnraisableHookArgs) -> None:
+    """Give an interrupt again that came while a compiler called back: there it is dropped, and the command goes on."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    _is_lost.set()
+    _call_later(_AGAIN, lambda: _thread.interrupt_main(signal.SIGTERM))
+
+
+def _call_later(seconds: float, function: Callable[[], object]) -> None:
+    timer = threading.Timer(seconds, function)
+    timer.daemon = True
+    timer.start()
 
 
 def exit_code(arguments: list[str]) -> int:
@@ -65,7 +89,7 @@ def exit_code(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:
-        if not _is_interrupt(error):
+        if not _is_interrupt(error) and not _is_lost.is_set():
             if "--debug" in arguments:
                 raise
             return _complain(_line(error), _code_of(error))
