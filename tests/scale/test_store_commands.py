@@ -135,6 +135,18 @@ def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, cod
     assert not (tmp_path / "x.zarr").exists()
 
 
+def test_a_folder_that_is_taken_is_refused_before_the_store_is_filtered(tmp_path, capsys):
+    xyz, faces, uv = tangled(26, 60)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    for out in (tmp_path / "mine", tmp_path / "mine" / "notes.txt", tmp_path, store.path):
+        code, said, err = typed(capsys, "filter", store.path, "--to", "3dtiles", "--out", out)
+        assert (code, said, err.count("tspslam: ")) == (3, "", 1)
+    assert open_store(store.path).responses == ()
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "mine"
+
+
 def test_who_interrupts_a_filter_is_told_that_it_goes_on(tmp_path, capsys, monkeypatch):
     xyz, faces, uv = tangled(23, 100)
     write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=16)

@@ -11,7 +11,7 @@ import typer
 
 from ..errors import InputError
 from ..printing import note, remarks_as_json
-from ._filter_store import filter_a_store, refuse_options
+from ._filter_store import Options, filter_a_store, refuse_options
 from ._live import until_interrupt
 from ._progress import progress
 from ._shared import (
@@ -170,10 +170,8 @@ def filter_command(
             image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None,
             surface=surface if surface != "range" else None, polygons=polygons if polygons != "fan" else None,
         )  # fmt: skip
-        filter_a_store(
-            mesh, (order, centering, occlusion), images=images, out=out, to=to, where=(workers, scheduler, memory),
-            as_json=as_json,
-        )  # fmt: skip
+        options = Options(order, centering, occlusion, workers, scheduler, memory)
+        filter_a_store(mesh, options, images=images, out=out, to=to, as_json=as_json)
         return
     refuse_options(
         images=images, workers=workers or None, scheduler=scheduler, to=to, occlusion=occlusion, what="a store"
