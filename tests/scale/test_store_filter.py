@@ -195,6 +195,8 @@ def test_what_cannot_be_filtered_is_refused_in_a_line(tmp_path):
     lit = write_store(tmp_path / "lit.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
     for options, said in (
         ({"memory": "lots"}, "memory is 'lots', expected bytes or a number with"),
+        ({"memory": "9" * 400}, "memory is '9999999"),
+        ({"memory": "9" * 305 + " GB"}, "memory is '9999999"),
         ({"memory": "100 MB"}, "memory is 0.1 GB, expected 0.5"),
         ({"tile": 0}, "tile is 0, expected 1 to"),
         ({"workers": -1}, "workers are -1, expected 0 to"),

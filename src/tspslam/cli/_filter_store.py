@@ -47,12 +47,14 @@ class Options:
 
 
 def filter_a_store(
-    path: Path, options: Options, *, images: Path | None, out: Path | None, to: str | None, as_json: bool
-) -> None:
+    path: Path, options: Options, *, images: Path | None, out: Path | None, to: str | None, is_forced: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Filter a store, tile by tile, and write a file a tile if that is asked for."""
     from ..scale.stores.store import open_store
+    from ..scale.stores.tile_files import INDEX, write_tiles
 
-    _check_export(path, out, to)
+    _check_export(path, out, to, is_forced)
     store = open_store(path, images=images)
     try:
         response = _filtered(store, options, as_json)
@@ -67,7 +69,9 @@ def filter_a_store(
     written = [str(path / "responses" / response.name)]
     words = [f"response at {found['defined']} of {store.n} vertices, filtered in {_count(found['tiles'], 'tile')}"]
     if out is not None and to is not None:
-        _export(response, out, to, written, words)
+        files = write_tiles(response, out, to, is_forced=is_forced)
+        written.append(str(out / INDEX.get(to, "")))
+        words.append(f"{_count(files, 'file')} of {to}, one a chunk")
     if found["split"]:
         words.append(f"{_count(found['split'], 'tile')} killed their worker and were split")
     tell({"vertices": store.n, "faces": store.n_faces} | found, words, written, as_json)
@@ -75,7 +79,7 @@ def filter_a_store(
         raise typer.Exit(DEGRADED)
 
 
-def _check_export(path: Path, out: Path | None, to: str | None) -> None:
+def _check_export(path: Path, out: Path | None, to: str | None, is_forced: bool) -> None:
     """Refuse a folder that cannot be written, before the store is filtered."""
     from .._files import bad_input
     from ..run.guard import check_new_folder, is_inside
@@ -83,19 +87,12 @@ def _check_export(path: Path, out: Path | None, to: str | None) -> None:
 
     if (out is None) != (to is None) or (to is not None and to not in KINDS):
         raise typer.BadParameter(f"goes with --out, expected one of {', '.join(KINDS)}", param_hint="--to")
+    if is_forced and out is None:
+        raise typer.BadParameter("goes with --out", param_hint="--force")
     if out is not None and is_inside(out, path):
         raise bad_input(out, f"lies in the store {path}", "a folder outside (--out)")
     if out is not None and to is not None:
-        check_new_folder(out, EXPORT[to], [path])
-
-
-def _export(response: StoredResponse, out: Path, to: str, written: list[str], words: list[str]) -> None:
-    """Write a file a chunk, and add what was written to what will be said."""
-    from ..scale.stores.tile_files import INDEX, write_tiles
-
-    files = write_tiles(response, out, to)
-    written.append(str(out / INDEX.get(to, "")))
-    words.append(f"{_count(files, 'file')} of {to}, one a chunk")
+        check_new_folder(out, EXPORT[to], [path], is_forced=is_forced)
 
 
 def _count(number: int, word: str) -> str:

@@ -85,7 +85,7 @@ class Options:
         weights = None if weight is None else tuple(_weights_by_distance(weight, MOST_RINGS).tolist())
         if weights is not None and len(weights) > MOST_RINGS:
             raise InputError(f"weight({MOST_RINGS}) is {weights[-1]:g}, expected 0 there or before: a halo is as wide")
-        share = None if occlusion is None else checked_number(occlusion, "occlusion", 0.0, 1.0)
+        share = None if occlusion is None else checked_number(occlusion, "occlusion", 0.0, 1.0) + 0.0  # no -0: one name
         return cls(int(order), chosen, weights, share)
 
     @classmethod
