@@ -105,6 +105,8 @@ def test_a_missing_image_is_said_and_the_run_is_degraded(tmp_path, capsys):
         (["filter", "a.ply"], 2, "goes with a mesh or a scan"),
         (["filter", "STORE", "--to", "vtu"], 2, "goes with --out"),
         (["filter", "STORE", "--out", "x"], 2, "goes with --out"),
+        (["filter", "STORE", "--force"], 2, "goes with --out"),
+        (["filter", "a.ply", "--image", "a.png", "--calib", "c", "--force"], 2, "goes with a store"),
         (["filter", "STORE", "--to", "obj", "--out", "x"], 2, "expected one of vtu, ply, 3dtiles"),
         (["filter", "STORE", "--to", "ply", "--out", "STORE/x"], 3, "lies in the store"),
         (["filter", "STORE", "--memory", "2 bananas"], 3, "memory is '2 bananas'"),
@@ -133,6 +135,35 @@ def test_what_does_not_fit_is_one_line(tmp_path, capsys, monkeypatch, words, cod
     assert (got, out) == (code, "")
     assert said in err.replace("\n", " ")
     assert not (tmp_path / "x.zarr").exists()
+
+
+def test_a_folder_that_is_taken_is_refused_before_the_store_is_filtered(tmp_path, capsys):
+    xyz, faces, uv = tangled(26, 60)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    for out in (tmp_path / "mine", tmp_path / "mine" / "notes.txt", tmp_path, store.path):
+        code, said, err = typed(capsys, "filter", store.path, "--to", "3dtiles", "--out", out)
+        assert (code, said, err.count("tspslam: ")) == (3, "", 1)
+    assert open_store(store.path).responses == ()
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "mine"
+
+
+def test_an_earlier_export_is_replaced_only_with_force_and_nothing_else_is(tmp_path, capsys):
+    xyz, faces, uv = tangled(27, 60)
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
+    words = ["filter", store.path, "--to", "3dtiles", "--out", tmp_path / "tiles"]
+    assert typed(capsys, *words)[0] == 0
+    first = (tmp_path / "tiles" / "tileset.json").read_bytes()
+    code, _, err = typed(capsys, *words, "--order", 2)
+    assert (code, "or --force to write it anew" in err) == (3, True)
+    assert (tmp_path / "tiles" / "tileset.json").read_bytes() == first
+    assert typed(capsys, *words, "--order", 2, "--force")[0] == 0
+    assert b"tmahf-2-" in (tmp_path / "tiles" / "tileset.json").read_bytes()
+    (tmp_path / "tiles" / "notes.txt").write_text("mine")
+    code, _, err = typed(capsys, *words, "--force")
+    assert (code, "holds notes.txt, which no export wrote" in err) == (3, True)
+    assert (tmp_path / "tiles" / "notes.txt").read_text() == "mine"
 
 
 def test_who_interrupts_a_filter_is_told_that_it_goes_on(tmp_path, capsys, monkeypatch):

@@ -159,15 +159,32 @@ def test_vertices_of_a_missing_image_have_no_response_until_it_is_there(tmp_path
 
 
 @pytest.mark.parametrize("file", ["complete.json", "done/0-40.json"])
-@pytest.mark.parametrize("content", ["{", "{}", "[]", '{"options": 3, "missing": [7]}'])
+@pytest.mark.parametrize(
+    "content",
+    ["{", "{}", "[]", '{"options": 3, "missing": [7]}', "[" * 100_000]
+    + [
+        f'{{"options": {{"order": {order}, "centering": "harmonic", "weights": null}}, "summary": {{"defined": {defined},'
+        f' "missing": {missing}, "peak_bytes": 0, "tiles": 1, "split": 0}}}}'
+        for order, defined, missing in [
+            ("1", "1", "[7]"),
+            ("1", "1", '["a"]'),
+            ("1", "1", "3"),
+            ("1", "1e999", "[]"),
+            ("1", "-1", "[]"),
+            ("2", "1", "[]"),
+            ("1e999", "1", "[]"),
+        ]
+    ],
+)
 def test_what_is_kept_about_a_response_and_was_damaged_is_made_anew(tmp_path, file, content):
     xyz, faces, uv = tangled(5)
     store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]), chunk=64)
     response = store.filter()
-    before = response.read().z.tobytes()
+    before, summary = response.read().z.tobytes(), response.summary
     (store.path / "responses" / response.name / file).write_text(content)
     again = store.filter()
-    assert (again.read().z.tobytes(), again.summary["tiles"]) == (before, 1)
+    assert (again.read().z.tobytes(), again.options) == (before, response.options)
+    assert again.summary | {"peak_bytes": 0} == summary | {"peak_bytes": 0}
 
 
 def test_vertices_of_an_image_that_was_changed_are_filtered_anew(tmp_path):
@@ -195,6 +212,8 @@ def test_what_cannot_be_filtered_is_refused_in_a_line(tmp_path):
     lit = write_store(tmp_path / "lit.zarr", of_arrays(xyz, faces, luminance=uv[:, 0]))
     for options, said in (
         ({"memory": "lots"}, "memory is 'lots', expected bytes or a number with"),
+        ({"memory": "9" * 400}, "memory is '9999999"),
+        ({"memory": "9" * 305 + " GB"}, "memory is '9999999"),
         ({"memory": "100 MB"}, "memory is 0.1 GB, expected 0.5"),
         ({"tile": 0}, "tile is 0, expected 1 to"),
         ({"workers": -1}, "workers are -1, expected 0 to"),

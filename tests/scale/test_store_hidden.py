@@ -7,6 +7,7 @@ import tspslam
 from tspslam import Rig
 from tspslam.cli.entry import exit_code
 from tspslam.scale import ImageReference, open_store, write_store
+from tspslam.scale.stores import tiled_filter
 from tspslam.scale.stores.hidden import draw_depths
 from tspslam.scale.stores.sources import of_arrays
 
@@ -96,6 +97,11 @@ def test_a_share_that_is_none_is_refused(tmp_path, share):
     store, *_ = two_walls(tmp_path)
     with pytest.raises(tspslam.InputError, match=r"occlusion is .*, expected 0 to 1"):
         store.filter(occlusion=share)
+
+
+def test_no_share_has_one_name():
+    names = {tiled_filter.Options.checked(1, None, None, share).name for share in (0, 0.0, -0.0)}
+    assert names == {"tmahf-1-harmonic-seen-0.0"}
 
 
 def test_occlusion_without_a_camera_is_refused_in_a_line(tmp_path, capsys):

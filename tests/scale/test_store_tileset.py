@@ -152,6 +152,25 @@ def test_a_flat_mesh_has_a_box_with_a_volume(tmp_path):
         assert low[2] < 7 < high[2]
 
 
+def test_boxes_hold_those_below_also_of_flat_tiles(tmp_path):
+    """Stairs: each chunk is flat, and the lowest and highest step stand at the borders of the whole."""
+    v, u = np.mgrid[:16, :16].reshape(2, -1)
+    a = (np.arange(15)[:, None] * 16 + np.arange(15)).ravel()
+    faces = np.concatenate([np.stack([a, a + 16, a + 1], 1), np.stack([a + 1, a + 16, a + 17], 1)])
+    xyz = np.stack([u, v, v // 4 * 1.0], axis=1)
+    is_flat = np.ptp(xyz[faces, 2], axis=1) == 0
+    store = write_store(tmp_path / "a.zarr", of_arrays(xyz, faces[is_flat], luminance=u), chunk=16)
+    write_tiles(store.filter(), tmp_path / "tiles", "3dtiles")
+    flat = 0
+    for tile, above in tiles_of(tree_of(tmp_path / "tiles")["root"]):
+        (low, high), slack = corners(tile), 4 * np.spacing(16.0)
+        flat += high[2] - low[2] < 0.01
+        for each in above:
+            assert (low >= corners(each)[0] - slack).all()
+            assert (high <= corners(each)[1] + slack).all()
+    assert flat > 4
+
+
 def test_a_tileset_is_written_from_the_command_line_and_never_over_something(tmp_path, capsys):
     stored(tmp_path)
     words = ["filter", str(tmp_path / "a.zarr"), "--to", "3dtiles", "--out", str(tmp_path / "tiles")]

@@ -11,7 +11,7 @@ import typer
 
 from ..errors import InputError
 from ..printing import note, remarks_as_json
-from ._filter_store import filter_a_store, refuse_options
+from ._filter_store import Options, filter_a_store, refuse_options
 from ._live import until_interrupt
 from ._progress import progress
 from ._shared import (
@@ -156,10 +156,10 @@ def filter_command(
     to: Annotated[
         str | None, typer.Option(help="Of a store: also a file a tile, vtu, ply or 3dtiles, into --out.")
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Of a store: replace an earlier export in --out.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Filter the signals of a posed image on your own mesh or LiDAR scan (the topology wing alone)."""
-    from .._files import bad_input
     from ..run.mesh import filter_mesh
     from ..run.pipeline import Step
     from ..run.scan import filter_scan
@@ -170,21 +170,16 @@ def filter_command(
             image=image, calib=calib, extrinsics=extrinsics, bits=bits, merge_corners=merge or None,
             surface=surface if surface != "range" else None, polygons=polygons if polygons != "fan" else None,
         )  # fmt: skip
-        filter_a_store(
-            mesh, (order, centering, occlusion), images=images, out=out, to=to, where=(workers, scheduler, memory),
-            as_json=as_json,
-        )  # fmt: skip
+        options = Options(order, centering, occlusion, workers, scheduler, memory)
+        filter_a_store(mesh, options, images=images, out=out, to=to, is_forced=force, as_json=as_json)
         return
     refuse_options(
-        images=images, workers=workers or None, scheduler=scheduler, to=to, occlusion=occlusion, what="a store"
-    )
-    is_there = mesh is None or os.path.lexists(mesh)
-    if is_there and (image is None or calib is None):
-        raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
-    stage = Tmahf(order, centering)  # type: ignore[arg-type]
+        images=images, workers=workers or None, scheduler=scheduler, to=to, occlusion=occlusion, force=force or None,
+        what="a store",
+    )  # fmt: skip
     given = _one_of(mesh, cloud, extrinsics, surface, merge, polygons)
-    if image is None or calib is None or not is_there:
-        raise bad_input(given, "is not there", "a mesh, or a store: tspslam store makes one")
+    image, calib = _posed(mesh, image, calib)
+    stage = Tmahf(order, centering)  # type: ignore[arg-type]
     parts = ["-merged"] * merge + [f"-{polygons}"] * (polygons != "fan")
     target = out or Path("runs") / f"{given.stem}-filter{''.join(parts)}"
     check_folder(target, given, image, calib, extrinsics)
@@ -222,6 +217,17 @@ def _one_of(
     if given is None or (mesh is not None and cloud is not None):
         raise typer.BadParameter("expected a MESH or --cloud, one of both", param_hint="MESH")
     return given
+
+
+def _posed(mesh: Path | None, image: Path | None, calib: Path | None) -> tuple[Path, Path]:
+    """The image and the calibration that go with what is in memory, if the mesh is there."""
+    from .._files import bad_input
+
+    if mesh is not None and not os.path.lexists(mesh):
+        raise bad_input(mesh, "is not there", "a mesh, or a store: tspslam store makes one")
+    if image is None or calib is None:
+        raise typer.BadParameter("goes with a mesh or a scan", param_hint="--image" if image is None else "--calib")
+    return image, calib
 
 
 def _frame_range(text: str | None, count: int) -> range:

@@ -19,6 +19,8 @@ from ..._files import bad_input, reason_of
 from ...errors import InputError
 
 EXPECTED = "a store of this version, whole: made by tspslam.scale.write_store or tspslam store"
+UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+"""What a damaged description makes JSON, Zarr and those who take it apart raise."""
 _CHECKSUM = 4  # bytes of CRC-32C after each chunk
 _RESIDUE = 0x48674BC7  # CRC-32C of any bytes and their CRC-32C after them
 
@@ -52,7 +54,7 @@ def opened(path: Path, name: str, mode: str) -> Any:
     try:
         with module.config.set({"array.write_empty_chunks": True}):
             return module.open_array(str(path / name), mode=mode, zarr_format=3)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except UNREADABLE as error:
         raise bad_input(path / name, f"is no Zarr array of version 3 ({reason_of(error)})", EXPECTED) from error
 
 

@@ -80,7 +80,7 @@ def filter_mesh(
     try:
         done = runs_done(store, options.name)
         runs = runs_to_do(store.n, store.chunk, size, done)
-        if runs or not is_complete(folder):
+        if runs or not is_complete(store, options.name):
             sweep(folder)
             finished = sum(last - first for first, last in done)
             for row, (first, last) in _run(store, options, runs, size, place):

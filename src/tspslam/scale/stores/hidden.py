@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...types import FloatArray
 from ...vision.rig import project
 from . import _zarr
+from ._last import LastMade
 from .halo import faces_of
 from .images import ImageReference
 from .mesh import StoredMesh
@@ -54,16 +53,12 @@ def seen_places(store: StoredMesh, image: int, xyz: FloatArray, tolerance: float
 
 
 def _kept_depths(store: StoredMesh, image: int) -> NDArray[np.float32]:
-    """The buffer of an image; the last one is kept, since the tiles of an image follow each other."""
-    key = (store.path, image, id(store))
-    if _kept.get("key") != key:
-        _kept.clear()
-        _kept.update(key=key, store=store, buffer=draw_depths(store, image))
-    buffer: NDArray[np.float32] = _kept["buffer"]
-    return buffer
+    """The buffer of an image; a thread keeps its last one, since the tiles of an image follow each other."""
+    # With the store: as long as that is kept, no other one has its id.
+    return _kept.get((store.path, image, id(store)), lambda: (store, draw_depths(store, image)))[1]
 
 
-_kept: dict[str, Any] = {}
+_kept: LastMade[tuple[StoredMesh, NDArray[np.float32]]] = LastMade()
 
 
 def draw_depths(store: StoredMesh, image: int) -> NDArray[np.float32]:

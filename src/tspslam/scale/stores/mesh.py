@@ -156,7 +156,7 @@ def open_mesh(path: PathLike, *, images: PathLike | None = None) -> StoredMesh:
     try:
         group = zarr.open_group(str(folder), mode="r", zarr_format=3)
         attributes = dict(group.attrs)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except _zarr.UNREADABLE as error:
         raise bad_input(path, f"is no Zarr group of version 3 ({reason_of(error)})", _zarr.EXPECTED) from error
     _check_version(folder, attributes)
     arrays = {name: _zarr.opened(folder, name, "r") for name in (*_COLUMNS, *_FACES) if (folder / name).exists()}
@@ -182,7 +182,7 @@ def _parts(folder: Path, attributes: dict[str, Any]) -> tuple[int, int, int, lis
         n, n_faces, chunk = (int(attributes[name]) for name in ("vertices", "faces", "chunk"))
         start = [int(value) for value in attributes["image_start"]]
         is_sound = n > 0 and n_faces >= 0 and chunk > 0 and len(start) == len(attributes["images"]) + 1
-    except (KeyError, TypeError, ValueError) as error:
+    except _zarr.UNREADABLE as error:
         raise bad_input(folder, f"has attributes that are damaged ({reason_of(error)})", _zarr.EXPECTED) from error
     if not is_sound or start != sorted(start) or start[0] < 0 or start[-1] != n:
         raise bad_input(folder, "has attributes that do not fit each other", _zarr.EXPECTED)

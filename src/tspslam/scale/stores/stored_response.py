@@ -144,11 +144,11 @@ def open_response(store: StoredMesh, name: str) -> StoredResponse:
         had = ", ".join(names_of(store.path)) or "none"
         raise bad_input(store.path, f"has no response {name!r:.60}", f"one that is there: {had}")
     try:
-        options, summary = _read_complete(folder)
+        options, summary = _read_complete(store, folder)
         z, flags = (_zarr.opened(folder, each, "r") for each in ("z", "defined"))
     except FileNotFoundError as error:
         raise bad_input(folder, "was not finished", _EXPECTED) from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except _zarr.UNREADABLE as error:
         raise bad_input(folder, f"is damaged ({reason_of(error)})", _EXPECTED) from error
     for array, dtype in ((z, np.complex128), (flags, np.bool_)):
         if array.dtype != dtype or array.shape != (store.n,) or array.chunks != (store.chunk,):
@@ -157,17 +157,33 @@ def open_response(store: StoredMesh, name: str) -> StoredResponse:
     return StoredResponse(store, name, options, summary, z, flags)
 
 
-def _read_complete(folder: Path) -> tuple[Options, dict[str, Any]]:
+def _read_complete(store: StoredMesh, folder: Path) -> tuple[Options, dict[str, Any]]:
     found = json.loads((folder / _COMPLETE).read_bytes())
-    return Options.of(found["options"]), {name: found["summary"][name] for name in (*_TOLD[:3], "tiles", "split")}
+    options = Options.of(found["options"])
+    if options.name != folder.name:
+        raise ValueError("has the options of another response")
+    return options, _told_of(store, found["summary"], (*_TOLD[:3], "tiles", "split"))
 
 
-def is_complete(folder: Path) -> bool:
+def _told_of(store: StoredMesh, found: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    """What is kept about responses; `ValueError` where it is not what was written: counts, and images of the store."""
+    told = {name: found[name] for name in names}
+    counts = [value for name, value in told.items() if name != "missing"]
+    if any(type(value) is not int or value < 0 for value in (*counts, *told["missing"])):
+        raise ValueError("has counts that are none")
+    if any(k >= len(store.images) for k in told["missing"]):
+        raise ValueError("names an image that is not in the store")
+    return told
+
+
+def is_complete(store: StoredMesh, name: str) -> bool:
     """Tell whether responses are said to be whole, in a file that can be read.
 
     Parameters
     ----------
-    folder : Path
+    store : StoredMesh
+        The store.
+    name : str
         Of the responses.
 
     Returns
@@ -175,8 +191,8 @@ def is_complete(folder: Path) -> bool:
     bool
     """
     try:
-        _read_complete(folder)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        _read_complete(store, folder_of(store, name))
+    except _zarr.UNREADABLE:
         return False
     return True
 
@@ -296,13 +312,13 @@ def runs_done(store: StoredMesh, name: str) -> dict[tuple[int, int], dict[str, A
     found, folder = {}, folder_of(store, name)
     arrays = [_zarr.opened(folder, each, "r") for each in ("z", "defined")]
     for path in sorted((folder / _DONE).glob("*-*.json")):
-        with suppress(ValueError, KeyError, TypeError, IndexError, AttributeError, OSError):
+        with suppress(*_zarr.UNREADABLE):
             first, last = map(int, path.stem.split("-"))
             row = json.loads(path.read_bytes())
             is_whole = all(_zarr.are_whole(array, first, last) for array in arrays)
             now = stamps_of(store, first, last)
             if is_whole and all(row["images"][k] == stamp for k, stamp in now.items()):
-                found[first, last] = {name: row[name] for name in _TOLD}
+                found[first, last] = _told_of(store, row, _TOLD)
     return found
 
 

@@ -19,6 +19,9 @@ from .tile import Tile, load_tile
 KINDS = ("vtu", "ply", "3dtiles")
 """Formats of the files."""
 
+EXPORT = {kind: f"tiles-{kind}" for kind in KINDS}
+"""What the list in a folder of them calls it."""
+
 INDEX = {"vtu": "tiles.pvd", "3dtiles": tileset.INDEX}
 """The file that opens them together, where there is one."""
 
@@ -66,7 +69,7 @@ def write_tiles(response: StoredResponse, folder: PathLike, kind: str = "vtu", *
     """
     if kind not in KINDS:
         raise InputError(f"kind is {kind!r:.40}, expected one of {', '.join(KINDS)}")
-    with fill_folder(Path(folder), f"tiles-{kind}", is_forced=is_forced) as made:
+    with fill_folder(Path(folder), EXPORT[kind], is_forced=is_forced) as made:
         if kind == "3dtiles":
             return tileset.write_tileset(response, made)
         names = []

@@ -17,6 +17,7 @@ from ...topology.harmonic import Centering, Tmahf, Weight, tmahf
 from ...topology.spectral import checked_number
 from ...topology.texture import sample_signals
 from ...types import BoolArray, FloatArray, Signals
+from ._last import LastMade
 from .halo import Piece, load_piece
 from .hidden import seen_places
 from .mesh import StoredMesh
@@ -84,7 +85,7 @@ class Options:
         weights = None if weight is None else tuple(_weights_by_distance(weight, MOST_RINGS).tolist())
         if weights is not None and len(weights) > MOST_RINGS:
             raise InputError(f"weight({MOST_RINGS}) is {weights[-1]:g}, expected 0 there or before: a halo is as wide")
-        share = None if occlusion is None else checked_number(occlusion, "occlusion", 0.0, 1.0)
+        share = None if occlusion is None else checked_number(occlusion, "occlusion", 0.0, 1.0) + 0.0  # no -0: one name
         return cls(int(order), chosen, weights, share)
 
     @classmethod
@@ -322,17 +323,14 @@ def spread_values(complex_: Complex, uv: FloatArray, values: FloatArray) -> Sign
 
 
 def _pixels(store: StoredMesh, image: int) -> NDArray[Any] | None:
-    """The image's pixels; the last one is kept, since the tiles of an image follow each other."""
-    path = store.image_paths[image]
+    """The image's pixels; a thread keeps its last ones, since the tiles of an image follow each other."""
+    path, reference = store.image_paths[image], store.images[image]
     try:
         status = path.stat()
     except OSError:
         return None
-    key = (path, status.st_mtime_ns, status.st_size, store.images[image].rig)
-    if _kept.get("key") != key:
-        _kept.clear()
-        _kept.update(key=key, pixels=store.images[image].load(path))
-    return _kept["pixels"]
+    key = (path, status.st_mtime_ns, status.st_size, reference.rig)
+    return _kept.get(key, lambda: reference.load(path))
 
 
-_kept: dict[str, Any] = {}
+_kept: LastMade[NDArray[Any] | None] = LastMade()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable
@@ -47,9 +48,10 @@ def checked_memory(memory: float | str) -> int:
     """
     text = "" if isinstance(memory, bool) else str(memory).strip()
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([kKMG]?i?B?)", text)
-    if not found or found[2] not in _UNITS:
+    amount = float(found[1]) * _UNITS.get(found[2], math.inf) if found else math.inf
+    if not math.isfinite(amount):
         raise InputError(f"memory is {memory!r:.40}, expected bytes or a number with B, kB, MB, GB, KiB, MiB or GiB")
-    return int(float(found[1]) * _UNITS[found[2]])
+    return int(amount)
 
 
 def tile_for(store: StoredMesh, memory: int) -> int:

@@ -191,10 +191,11 @@ class _Writer:
 
 
 def _node(name: str, low: FloatArray, high: FloatArray, points: Points, error: float = 0.0) -> Node:
-    half = np.maximum((high - low) / 2, _FLATTEST)
-    box = [*((low + high) / 2 + 0.0).tolist(), *np.diag(half).ravel().tolist()]  # no -0
+    """A tile; its box is that of its JSON, so that the one above holds what is drawn of a flat one too."""
+    middle, half = (low + high) / 2 + 0.0, np.maximum((high - low) / 2, _FLATTEST)  # no -0
+    box = [*middle.tolist(), *np.diag(half).ravel().tolist()]
     tile = {"boundingVolume": {"box": box}, "geometricError": error, "content": {"uri": name}}
-    return Node(tile, low, high, points)
+    return Node(tile, np.minimum(low, middle - half), np.maximum(high, middle + half), points)
 
 
 def _error_of(children: list[Node], points: Points) -> float:
