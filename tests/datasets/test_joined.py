@@ -90,9 +90,9 @@ def test_what_is_told_of_each_is_told_of_all():
     one, other = Recording("a", [0]), Recording("b", [0])
     one.unpaired, other.remarks, other.warnings = ["left.png"], ["by name"], [{"code": "x", "message": "y"}]
     one.remarks = ["by name"]  # the same of both
-    other.doubts, other.ended_early = lambda: [{"code": "z", "message": "w"}], True
+    other.doubts = lambda: [{"code": "z", "message": "w"}]
     both = JoinedSequence([one, other])
-    assert (both.unpaired, both.remarks, both.ended_early) == (["left.png"], ["by name"], True)
+    assert (both.unpaired, both.remarks) == (["left.png"], ["by name"])
     assert [told["code"] for told in (*both.warnings, *both.doubts())] == ["x", "z"]
 
 

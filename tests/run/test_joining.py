@@ -344,6 +344,43 @@ def test_a_recording_of_a_joined_map_is_not_taken_into_it_again(folders, one, tm
     assert (names, result.run["recordings"][1]["joined_by"]["recording"]) == (["there", "back", "other"], "there")
 
 
+def standing(there, count, name="still"):
+    """A camera that stands where a recording begins, in pictures without noise, with that recording's stamps."""
+    still = Piece(replace(there[0], index=k, stamp=there[k].stamp, name=there[k].name) for k in range(count))
+    still.name = name
+    return still
+
+
+def refused(folder, recording):
+    """Whether a run says that it has a recording."""
+    stored = load_run(folder)
+    rows, _, parts = continuing.stored_parts(stored)
+    try:
+        continuing._refuse_again(stored, rows, parts, [recording])
+    except InputError as error:
+        return "is in the run already" in str(error)
+    return False
+
+
+def test_one_image_in_common_makes_no_recording_that_the_run_has(folders, one, tmp_path):
+    there = open_sequence(folders / "there")
+    assert refused(one, there)
+    assert not refused(one, standing(there, 14))
+    run(standing(there, 3), tmp_path / "run", resolve(assignments=SETTINGS))
+    assert len(load_run(tmp_path / "run").stored) == 1
+    assert refused(tmp_path / "run", standing(there, 3, "again"))
+    assert not refused(tmp_path / "run", there)
+
+
+def test_what_a_lost_camera_did_not_give_is_still_missing_when_a_recording_is_added(folders, tmp_path):
+    lost = Piece(open_sequence(folders / "there")[k] for k in range(8))
+    lost.name, lost.warnings = "lost", [{"code": "camera_lost", "message": "it gave no more images"}]
+    assert run(lost, tmp_path / "run", resolve(assignments=SETTINGS)).is_degraded
+    result = run_into(tmp_path / "run", [open_sequence(folders / "back")])
+    assert [each["relative_to"] for each in result.run["recordings"]] == ["lost"] * 2
+    assert result.is_degraded
+
+
 @pytest.mark.parametrize(
     ("joins", "found"),
     [

@@ -265,11 +265,6 @@ class JoinedSequence:
         """
         return [doubt for each in self.recordings for doubt in getattr(each, "doubts", list)()]
 
-    @property
-    def ended_early(self) -> bool:
-        """Whether one of them did."""
-        return any(getattr(each, "ended_early", False) for each in self.recordings)
-
     def _told(self, what: str) -> list[Any]:
         return [said for each in self.recordings for said in getattr(each, what, ())]
 

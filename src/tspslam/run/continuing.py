@@ -7,6 +7,7 @@ import shutil
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from ._checkpoint import read_checkpoint
 from ._stages import OnStep
 from .config import Resolved, resolve
 from .pipeline import Progress, RunResult, run, settings_of
-from .record import FrameRecord, Row
+from .record import FrameRecord, Row, pair_hash
 from .sequence import MADE_BY, STATE_NAME, OnFrame
 
 _OF_READERS = (
@@ -43,7 +44,7 @@ _OF_READERS = (
     "video_",
     "depth_",
 )  # warnings by those who read pairs, or joined runs
-_FEWEST = 2  # frames of a run that has a path
+_FEWEST = 2  # frames of a run that has a path, and that tell a recording
 
 
 def run_into(
@@ -271,20 +272,33 @@ def _recordings(record: dict[str, Any], rows: Sequence[Row], rig: Any) -> Iterat
 def _refuse_again(
     stored: StoredRun, rows: Sequence[Row], parts: Sequence[StoredRecording], given: Sequence[Source]
 ) -> None:
-    """Refuse a recording that is in the run already, by one of its images; and one of another rig."""
+    """Refuse a recording that is in the run already, by two of its pairs; and one of another rig."""
     folder, ends = RunFolder.open(stored.path), list(accumulate(map(len, parts)))
-    first: dict[int, FrameRecord] = {}  # frame of each part that has a file
+    tracked: dict[int, list[FrameRecord]] = {}  # of each part
     for row in rows:
-        if isinstance(row, FrameRecord) and row.complex_ is not None:
-            first.setdefault(bisect_right(ends, row.index), row)
+        if isinstance(row, FrameRecord):
+            tracked.setdefault(bisect_right(ends, row.index), []).append(row)
     for recording in given:
         check_same_rig(parts[0].rig, parts[0].name, recording.rig, recording.name)
-        for k, row in first.items():
-            place = row.index - (ends[k] - len(parts[k]))
-            image = read_frame_image(folder.finished_frame(row.index))
-            if any(_shows(recording, at, image) for at in _places_of(recording, row, place, parts[k].offset)):
-                said = f"is in the run already, as {parts[k].name} (frame {row.index} is the same)"
+        for k, own in tracked.items():
+            if _is_of(recording, own, ends[k] - len(parts[k]), parts[k].offset, folder):
+                said = f"is in the run already, as {parts[k].name} (frame {own[0].index} is the same)"
                 raise InputError(one_line(f"{recording.name}: {said}; expected another recording"))
+
+
+def _is_of(recording: Source, own: Sequence[FrameRecord], start: int, offset: float, folder: RunFolder) -> bool:
+    """Whether frames are of a recording: the first two that have files show it, or the last one is made from it.
+
+    One image alone says little: two recordings may begin at the same place, in pictures without noise.
+    """
+    seen = [row for row in own if row.complex_ is not None][:_FEWEST]
+    checks = [partial(_shows, image=read_frame_image(folder.finished_frame(row.index))) for row in seen]
+    if len(seen) < _FEWEST:
+        seen, checks = [*seen, own[-1]], [*checks, partial(_makes, row=own[-1])]
+    return all(
+        any(check(recording, at) for at in _places_of(recording, row, row.index - start, offset))
+        for row, check in zip(seen, checks, strict=True)
+    )
 
 
 def _places_of(recording: Source, row: FrameRecord, place: int, offset: float) -> set[int]:
@@ -301,6 +315,16 @@ def _shows(recording: Source, index: int, image: Image) -> bool:
         return np.array_equal(recording[index].left, image)
     except InputError:
         return False
+
+
+def _makes(recording: Source, index: int, row: FrameRecord) -> bool:
+    """Whether a pair can be read and is what a frame was made from, as it is numbered there or here."""
+    try:
+        pair = recording[index]
+    except InputError:
+        return False
+    there = replace(pair, index=row.index, stamp=row.stamp, name=row.name)
+    return row.input_hash in (pair_hash(pair), pair_hash(there))
 
 
 def _refuse_untracked(result: RunResult, count: int, work: Path) -> None:

@@ -19,7 +19,6 @@ from ..io.trajectory import write_tum
 from ..mapping.views import take_keyframes
 from ..types import BoolArray, FloatArray, Trajectory
 from ..vision.se3 import inverse, normalised
-from ..vision.slam.back_end.calibration_health import settle_offset
 from ..vision.slam.keyframes.keyframe import MapSnapshot
 from ..vision.slam.odometry import StereoOdometry
 from .evaluate import describe_errors, measured
@@ -39,23 +38,10 @@ def finish_path(sequence: SequenceRun) -> None:
         All pairs are processed; changed.
     """
     odometry = sequence.session.odometry
-    if not (isinstance(odometry, StereoOdometry) and getattr(sequence.source, "is_adjusted", False)):
+    if isinstance(odometry, StereoOdometry) and getattr(sequence.source, "is_adjusted", False):
+        odometry.settle()
+    else:
         sequence.session.finish()
-    elif not settle_offset(odometry.mapper.bias, odometry.map, odometry.rig, odometry.tracking.pose.sigma_uv):
-        adjust_path(odometry)
-
-
-def adjust_path(odometry: StereoOdometry) -> None:
-    """Adjust all keyframes together; the path goes with them.
-
-    Parameters
-    ----------
-    odometry : StereoOdometry
-        At the end of its path; changed.
-    """
-    before = list(odometry.map.keyframes)
-    odometry.path.pose = odometry.mapper.finish(odometry.path.pose)
-    odometry.path.follow(before, odometry.map)
 
 
 @dataclass(frozen=True, repr=False)

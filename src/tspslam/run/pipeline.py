@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..view._report_parts import WholeRun
 
 Progress = Callable[[int, int, str], None]
+_INCOMPLETE = "camera_lost", "join_left_out"  # warnings by a source, or by a run gone on with: something is missing
 
 
 @dataclass(frozen=True)
@@ -259,7 +260,7 @@ def _process_all(
     errors, said = measured(sequence.source, placed_path(sequence), sequence.wanted)
     record = _of_recordings(sequence, record)
     said = [*getattr(sequence.source, "warnings", ()), *said]
-    record |= {"status": "degraded"} if getattr(sequence.source, "ended_early", False) else {}
+    record |= {"status": "degraded"} if any(one["code"] in _INCOMPLETE for one in said) else {}
     record |= {"evaluation": describe_errors(errors)} if errors else {}
     record, said = _of_depths(sequence.source, record), [*said, *getattr(sequence.source, "doubts", list)()]
     return _write_all(sequence, record | {"warnings": [*record["warnings"], *said]}, errors, at)

@@ -12,6 +12,7 @@ from tspslam import InputError, load_run
 from tspslam.io import RunFolder
 from tspslam.run._checkpoint import unpack, write_checkpoint
 from tspslam.run.config import resolve
+from tspslam.run.continuing import run_into
 from tspslam.run.pipeline import run
 from tspslam.run.sequence import MADE_BY
 from tspslam.scale.maps.joining import join_runs
@@ -63,6 +64,20 @@ def test_a_broken_run_does_not_stop_the_others(runs, both, tmp_path, spoil, said
         (warning,) = [one["message"] for one in record["warnings"] if one["code"] == "join_left_out"]
         assert said in warning
         page = (tmp_path / "map" / "report.html").read_text("utf-8")
+        assert "Not complete:</b> runs that were to be joined were left out" in page
+
+
+def test_a_map_that_lacks_a_run_does_not_become_complete_by_what_is_added(runs, tmp_path):
+    folder, out = runs[0], tmp_path / "map"
+    join_runs([folder / "start", tmp_path / "none", folder / "middle"], out)
+    join_runs([out, folder / "end"], tmp_path / "more")
+    run_into(out, [Piece(walk(), PIECES["end"], "end")])
+    for place in (out, tmp_path / "more"):
+        record = load_run(place).record
+        assert [one["code"] for one in record["warnings"]].count("join_left_out") == 1
+        assert [one["relative_to"] for one in record["recordings"]] == ["start"] * 3
+        assert record["status"] == "degraded"
+        page = (place / "report.html").read_text("utf-8")
         assert "Not complete:</b> runs that were to be joined were left out" in page
 
 

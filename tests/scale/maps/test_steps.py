@@ -2,11 +2,13 @@
 
 import contextlib
 import os
+import pickle
 import signal
 import threading
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tspslam import OutputError, load_run
@@ -14,6 +16,7 @@ from tspslam.scale.cluster import Workers
 from tspslam.scale.job import Outcome
 from tspslam.scale.maps import assembling, joining, steps
 from tspslam.scale.maps.joining import join_runs
+from tspslam.scale.maps.runs import find_runs
 from tspslam.vision.slam.back_end.map_joining import join_maps
 
 from .walks import content, kill_at_pictures, spied
@@ -81,6 +84,54 @@ def test_places_that_do_not_agree_with_others_are_named_in_the_run_and_on_its_pa
     assert content(tmp_path / "map") == before
     join_runs([tmp_path / "map", runs[0] / "end"], tmp_path / "more")
     assert said in [one["message"] for one in load_run(tmp_path / "more").record["warnings"]]
+
+
+def test_a_run_that_is_added_leaves_what_was_made_of_the_others(runs, tmp_path, monkeypatch):
+    """What two runs share, and frames that keep their numbers, are made once, though the join is another one."""
+    folders, done = [runs[0] / name for name in (*NAMES, "end")], list[tuple[str, tuple[int, ...]]]()
+    with monkeypatch.context() as patch:
+        patch.setitem(steps._MAKERS, "map", _no_room)
+        with pytest.raises(OutputError, match="no room"):
+            join_runs(folders[:2], tmp_path / "map")
+    for kind in ("state", "shared", "frames"):
+        make = steps._MAKERS[kind]
+
+        def noted(plan, target, *which, kind=kind, make=make):
+            done.append((kind, which))
+            make(plan, target, *which)
+
+        monkeypatch.setitem(steps._MAKERS, kind, noted)
+    join_runs(folders, tmp_path / "map")
+    assert [which for kind, which in done if kind == "state"] == [(2,)]
+    assert {which[:2] for kind, which in done if kind == "shared"} == {(0, 2), (1, 2)}
+    assert {which[0] for kind, which in done if kind == "frames"} == {2}
+    assert load_run(tmp_path / "map").record["status"] == "complete"
+    done.clear()
+    join_runs(folders, tmp_path / "at once")
+    assert {which[:2] for kind, which in done if kind == "shared"} == {(0, 1), (0, 2), (1, 2)}
+    assert content(tmp_path / "map") == content(tmp_path / "at once")
+
+
+def _no_room(plan, target, *which):
+    raise OutputError("no room")
+
+
+def test_steps_are_named_by_what_they_depend_on_and_by_nothing_else(runs, tmp_path):
+    start, middle, end = (find_runs([runs[0] / name])[0][0] for name in (*NAMES, "end"))
+    plan, more = (steps.Plan(given, str(tmp_path)) for given in ((start, middle), (start, middle, end)))
+    mended, later = (steps.Plan(given, str(tmp_path)) for given in ((end, middle), (start, end, middle)))
+    places = np.array([[1, 2], [3, 4]])
+    for each in (plan, more, mended):
+        vars(each)["candidates"] = {(0, 1): [places, places + 1]}
+    vars(later)["candidates"] = {(0, 2): [places + 1]}
+    assert plan.file("shared", 0, 1, 0) == more.file("shared", 0, 1, 0) != mended.file("shared", 0, 1, 0)
+    assert plan.file("shared", 0, 1, 1) == later.file("shared", 0, 2, 0) != plan.file("shared", 0, 1, 0)
+    assert plan.file("frames", 1, 0) == more.file("frames", 1, 0) != more.file("frames", 1, 1)
+    assert plan.file("frames", 1, 0) != later.file("frames", 2, 0)  # it has other numbers there
+    assert plan.frame(start.pairs) == more.frame(start.pairs) != mended.frame(end.pairs)
+    for kind in ("candidates", "map", "adjustment"):
+        assert len({each.file(kind) for each in (plan, more, mended, later)}) == 4
+    assert "candidates" not in vars(pickle.loads(pickle.dumps(plan)))
 
 
 @pytest.mark.parametrize("count", [0, 1, 49, 50, 51, 400, 401, 100_000])

@@ -75,6 +75,21 @@ def test_candidates_grow_with_the_maps_and_not_with_their_pairs(count):
     assert reached == set(range(count))
 
 
+@pytest.mark.parametrize("count", [4, 12, 24])
+def test_only_the_tries_of_ends_grow_with_the_maps_that_are_compared(count):
+    """All maps show one place and are sure of it: so are the keyframes beside each."""
+    given = maps(count)
+    for views in given[1:]:
+        for k in range(8):
+            show_same(given[0][k], views[k], 20)
+    found = find_candidates(given, LOOPS)
+    keyframes, tried = np.unique(found[:, 2:], axis=0, return_counts=True)
+    is_end = np.isin(keyframes[:, 1], [0, 7])
+    assert LOOPS.lost_candidates < tried[~is_end].max() <= 3 * LOOPS.lost_candidates
+    compared = len(np.unique(found[:, [0, 2]], axis=0))
+    assert len(found) <= 3 * LOOPS.lost_candidates * len(keyframes) + 4 * compared
+
+
 def test_maps_that_share_nothing_are_compared_at_their_ends_alone_where_they_follow_each_other():
     found = find_candidates(maps(5, keyframes=3), LOOPS)
     assert {tuple(row) for row in found[:, [0, 2]].tolist()} == {(k, k + 1) for k in range(4)}

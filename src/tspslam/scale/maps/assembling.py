@@ -12,7 +12,6 @@ import numpy as np
 from ..._atomic import write_bytes
 from ...run._checkpoint import read_checkpoint, write_checkpoint
 from ...run.continuing import restore_odometry
-from ...run.joining import adjust_path
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY
 from ...types import FloatArray
@@ -75,7 +74,7 @@ def adjust(joined: JoinedRuns, before: Path, target: Path) -> None:
     rows, state = read_checkpoint(before, MADE_BY)
     odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, joined_reader(joined, rows))
     try:
-        adjust_path(odometry)
+        odometry.adjust()
         write_checkpoint(target, MADE_BY, rows, odometry.state())
     finally:
         odometry.close()

@@ -237,7 +237,7 @@ class _Join:
         frames = [(r, part) for r, run in moved for part in range(len(cut(run.stored, FRAMES)))]
         both = [*self._steps(like, "candidates", [()]), *self._steps(like, "frames", frames)]
         _require(self._follow(outcomes, both))
-        shared = [(i, j, part) for (i, j), parts in plan.candidates().items() for part in range(len(parts))]
+        shared = [(i, j, part) for (i, j), parts in plan.candidates.items() for part in range(len(parts))]
         for kind, which in (("shared", shared), ("map", [()]), ("adjustment", [()])):
             _require(self._follow(outcomes, self._steps(like, kind, which)))
 

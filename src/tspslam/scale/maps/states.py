@@ -97,13 +97,14 @@ def joined_reader(joined: JoinedRuns, rows: Sequence[Row]) -> Callable[[int], Im
     callable
         Of the number of a tracked frame among those of all.
     """
-    folders = [RunFolder.open(run.path) for run in joined.runs]
-    places = [row.index for row in rows if isinstance(row, FrameRecord)]
+    readers, starts = [], joined.first_tracked
+    for run, first in zip(joined.runs, joined.first_pair, strict=True):
+        frames = range(first, first + run.pairs)
+        readers.append(image_reader(run, number_rows(rows[frames.start : frames.stop], frames)))
 
     def image_of(number: int) -> Image:
-        r = bisect_right(joined.first_pair, places[number]) - 1
-        own = joined.runs[r].frames[places[number] - joined.first_pair[r]]
-        return read_frame_image(folders[r].finished_frame(own))
+        r = bisect_right(starts, number) - 1
+        return readers[r](number - starts[r])
 
     return image_of
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -80,13 +81,17 @@ class Plan:
         """The runs as one sequence."""
         return JoinedRuns(self.runs)
 
+    def __getstate__(self) -> dict[str, object]:
+        """What goes to the workers of a step: the rest is found, or read, there."""
+        return {"runs": self.runs, "folder": self.folder}
+
     @property
     def digest(self) -> str:
         """Hash of all that the joined map is made from."""
-        return self._hash("joined and adjusted", self.runs)
+        return hash_of([MADE_BY.decode(), "joined and adjusted", self._of_all()])
 
     def file(self, kind: str, *which: int) -> Path:
-        """Name the file that is there once a step is done, by all that it is made from.
+        """Name the file that is there once a step is done, by all that it is made from, and by nothing else.
 
         Parameters
         ----------
@@ -97,10 +102,10 @@ class Plan:
         -------
         Path
         """
-        is_of_one = kind == "state"
-        runs = (self.runs[which[0]],) if is_of_one else self.runs
-        part = "" if is_of_one else "-".join(map(str, which))
-        digest = self._hash(f"{kind} {part} {KEYFRAMES} {FRAMES} {PARTS}", runs)[:_DIGITS]
+        made_from: dict[str, Callable[..., list[object]]] = {
+            "state": self._of_state, "shared": self._of_shared, "frames": self._of_frames,
+        }  # fmt: skip
+        digest = self._digest(kind, made_from.get(kind, self._of_all)(*which))
         return Path(self.folder) / f"{kind}-{digest}{'.done' if kind == 'frames' else '.npz'}"
 
     def frame(self, index: int) -> Path:
@@ -115,7 +120,8 @@ class Plan:
         -------
         Path
         """
-        return Path(self.folder) / f"frames-{self.digest[:_DIGITS]}" / f"{index:06d}.npz"
+        r = bisect_right(self.joined.first_pair, index) - 1
+        return Path(self.folder) / f"frames-{self._digest('frames', self._of_numbers(r))}" / f"{index:06d}.npz"
 
     @property
     def states(self) -> list[Path]:
@@ -127,22 +133,36 @@ class Plan:
         """The file of what is to be said of the joined map."""
         return self.file("map").with_suffix(".txt")
 
+    @cached_property
     def candidates(self) -> dict[tuple[int, int], list[NDArray[np.int64]]]:
-        """Read the candidates that each two runs have, in parts of some keyframes.
-
-        Returns
-        -------
-        dict of (int, int) to list of (C, 2) int64
-            Which runs, and of each part the keyframe of the second run and that of the first.
-        """
+        """Candidates that each two runs have, in parts of some keyframes: that of the second run, that of the first."""
         found = read_candidates(self.file("candidates"))
         pairs, starts = np.unique(found[:, [0, 2]], axis=0, return_index=True)
         each = np.split(found[:, [3, 1]], starts[1:])
         return {(i, j): _in_parts(own) for (i, j), own in zip(pairs.tolist(), each, strict=True)}
 
     @staticmethod
-    def _hash(kind: str, runs: tuple[FinishedRun, ...]) -> str:
-        return hash_of([MADE_BY.decode(), kind, [run.state for run in runs]])
+    def _digest(kind: str, made_from: Sequence[object]) -> str:
+        return hash_of([MADE_BY.decode(), kind, made_from])[:_DIGITS]
+
+    def _of_all(self) -> list[object]:
+        return [run.state for run in self.runs]
+
+    def _of_state(self, r: int) -> list[object]:
+        return [self.runs[r].state]
+
+    def _of_shared(self, i: int, j: int, part: int) -> list[object]:
+        return [self.runs[i].state, self.runs[j].state, self.candidates[i, j][part].tolist()]
+
+    def _of_frames(self, r: int, part: int) -> list[object]:
+        return [*self._of_numbers(r), part, FRAMES, PARTS]
+
+    def _of_numbers(self, r: int) -> list[object]:
+        """A run, and what its frames are called among those of all."""
+        joined, run = self.joined, self.runs[r]
+        own = slice(joined.first[r], joined.first[r] + len(run.parts))
+        numbers = joined.first_pair[r], joined.first_id[r], joined.offsets[own].tolist()
+        return [run.state, [part.name for part in run.parts], joined.names[own], *numbers]
 
 
 def _in_parts(found: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -229,7 +249,7 @@ def _make_candidates(plan: Plan, target: Path) -> None:
 
 def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
     states = plan.file("state", i), plan.file("state", j)
-    write_shared((plan.runs[i], plan.runs[j]), states, plan.candidates()[i, j][part], target)
+    write_shared((plan.runs[i], plan.runs[j]), states, plan.candidates[i, j][part], target)
 
 
 def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
@@ -251,7 +271,7 @@ def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
 def _make_map(plan: Plan, target: Path) -> None:
     shared = [
         (i, j, read_shared(plan.file("shared", i, j, part)))
-        for (i, j), parts in plan.candidates().items()
+        for (i, j), parts in plan.candidates.items()
         for part in range(len(parts))
     ]
     assemble(plan.joined, plan.states, shared, target, plan.remarks)

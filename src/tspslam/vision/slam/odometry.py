@@ -355,9 +355,17 @@ class StereoOdometry:
     def finish(self) -> None:
         """Wait for the adjustment under way, then adjust all keyframes together: the trajectory is final."""
         if self.map.keyframes:
-            self._follow(self.mapper.finish)
-            if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
-                self._follow(self.mapper.finish)
+            self.adjust()
+            self.settle()
+
+    def adjust(self) -> None:
+        """Adjust all keyframes together, of which there must be one; the path goes with them."""
+        self._follow(self.mapper.finish)
+
+    def settle(self) -> None:
+        """Judge the offset of the disparities; where one does not explain what was seen, adjust once more, without."""
+        if not settle_offset(self.mapper.bias, self.map, self.rig, self.tracking.pose.sigma_uv):
+            self.adjust()
 
     def close(self) -> None:
         """Release the threads beside this one; no further pair can be processed."""

@@ -30,12 +30,13 @@ class _Alike(NamedTuple):
 def find_candidates(shown: Sequence[Sequence[Descriptors]], loops: LoopSettings) -> NDArray[np.int64]:
     """Find keyframes of several maps that may show the same place.
 
-    Each keyframe is looked up once among those of all maps, and is tried at a few places, however many maps there are.
-    Any word in common can make a candidate, as nothing but its looks leads to another map: where two maps share no
-    keyframes of `min_words`, they are compared if either has few others that share more with it. A pair of `min_words`
-    makes candidates of the keyframes beside the later one too. The first and the last keyframes of maps that are
-    compared, and of those beside each other in the given order, are always tried: where a recording was cut, one map
-    begins where the other ends.
+    Each keyframe is looked up once among those of all maps, and named with a few others (`lost_candidates`), however
+    many maps there are. Any word in common can make a candidate, as nothing but its looks leads to another map: where
+    two maps share no keyframes of `min_words`, they are compared if either has few others that share more with it. A
+    pair of `min_words` makes candidates of the keyframes beside the later one too: for these, at most twice as many
+    more. The first and the last keyframes of maps that are compared, and of those beside each other in the given order,
+    are always tried, four pairs each: where a recording was cut, one map begins where the other ends. The tries of
+    first and last keyframes grow with the maps that theirs is compared with.
 
     Parameters
     ----------
