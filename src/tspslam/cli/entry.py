@@ -47,6 +47,7 @@ def main() -> None:
     os.environ["MPLBACKEND"] = "agg"  # no window is opened; a name that Matplotlib no longer knows would end the run
     code = exit_code(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is said and written
+    _is_lost.clear()
     if code == INTERRUPTED:
         _call_later(_LAST, lambda: os._exit(code))
     sys.exit(code)
@@ -62,7 +63,16 @@ def _heed(lost: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(lost)
         return
     _is_lost.set()
-    _call_later(_AGAIN, lambda: _thread.interrupt_main(signal.SIGTERM))
+    _call_later(_AGAIN, _interrupt_again)
+
+
+def _interrupt_again() -> None:
+    if not _is_lost.is_set():  # the command has ended meanwhile
+        return
+    if sys.platform == "win32":
+        _thread.interrupt_main(signal.SIGTERM)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)  # which ends its wait, if it waits
 
 
 def _call_later(seconds: float, function: Callable[[], object]) -> None:
