@@ -1,6 +1,14 @@
 """What every test has, also the examples in docstrings."""
 
+import signal
+
 import pytest
+
+
+def pytest_configure():
+    """Have processes that tests start hear of ctrl-C, also where the tests run in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="module", autouse=True)
