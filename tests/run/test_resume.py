@@ -319,6 +319,32 @@ def test_no_checkpoint_waits_until_a_loop_is_closed(loop, closed, tmp_path, monk
     assert not any(is_correcting for _, is_correcting in asked[:-1])
 
 
+@pytest.mark.parametrize("is_there", [False, True])
+def test_killed_where_a_checkpoint_takes_its_place_it_goes_on_from_one(is_there, loop, closed, tmp_path):
+    """It is noted before it is there: in between the folder has the one before, which counts, too."""
+    replace_file, done = os.replace, []
+
+    def kill(source, target):
+        done.append(os.path.basename(target))
+        if is_there:
+            replace_file(source, target)
+        if done.count(STATE_NAME) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if not is_there:
+            replace_file(source, target)
+
+    child = os.fork()
+    if not child:
+        os.replace = kill
+        run_loop(loop, tmp_path / "run")
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    seen = []
+    run_loop(loop, tmp_path / "run", progress=lambda *given: seen.append(given))
+    assert 0 < len(seen) < len(loop)
+    assert content(tmp_path / "run") == content(closed.folder)
+
+
 @pytest.mark.parametrize("later", [0, 1, 2])  # frames after the one that closes the loop
 def test_killed_while_a_loop_closes_it_ends_with_the_same_bytes(loop, closed, tmp_path, later):
     assert closed.run["loops"] > 0

@@ -122,6 +122,39 @@ def read_manifest(path: PathLike) -> tuple[dict[str, Unit], int]:
     return units, size
 
 
+def recorded_hashes(path: PathLike, name: str) -> set[str]:
+    """Find the hashes that a file of a run was ever noted with: one that is written anew is noted before it is there.
+
+    Parameters
+    ----------
+    path : str or path
+        The manifest.
+    name : str
+        The file, relative to the run folder.
+
+    Returns
+    -------
+    set of str
+        SHA-256, 64 hexadecimal digits each.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for digit in "01":
+    ...         append_unit(f"{folder}/manifest.jsonl", Unit("state.npz", 64 * digit, 3, "", ""))
+    ...     len(recorded_hashes(f"{folder}/manifest.jsonl", "state.npz"))
+    2
+    """
+    lines = read_bytes(path, _EXPECTED, _LARGEST).splitlines(keepends=True)
+    return {unit.sha256 for unit in map(_unit, lines) if unit is not None and unit.name == name}
+
+
 def write_manifest(path: PathLike, units: Iterable[Unit]) -> None:
     """Write a manifest of just these units, by name; whole or not at all, as `write_bytes`.
 

@@ -203,7 +203,7 @@ class RunFolder:
         """Where the map goes as PLY."""
         return self.path / "map.ply"
 
-    def record(self, path: PathLike, *, input_hash: str) -> Unit:
+    def record(self, path: PathLike, *, input_hash: str, content: PathLike | None = None) -> Unit:
         """Note in the manifest that a file of this folder is finished.
 
         Parameters
@@ -212,6 +212,8 @@ class RunFolder:
             The file, written and closed.
         input_hash : str
             Hash of what it was made from.
+        content : str or path, optional
+            The file that takes its place next, if it is not there yet.
 
         Returns
         -------
@@ -229,7 +231,8 @@ class RunFolder:
         name = self._name(path)
         if not is_result(name):
             raise bad_input(path, "is not in its place", "a file that a run makes")
-        unit = Unit(name, sha256_file(path), os.path.getsize(path), input_hash, self.config_hash)
+        content = path if content is None else content
+        unit = Unit(name, sha256_file(content), os.path.getsize(content), input_hash, self.config_hash)
         append_unit(self._manifest, unit)
         self.units[name] = unit
         return unit

@@ -6,7 +6,8 @@ A stranger's file with a fitting hash can be anything: what no run can have writ
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
@@ -19,16 +20,26 @@ from .._files import PathLike, read_bytes
 from .._npz import Arrays, Schema, read_npz
 from .._text import parse_json
 from ..errors import InputError
+from ..io._places import MANIFEST
+from ..io.manifest import recorded_hashes, sha256_file
+from ..io.runfolder import RunFolder
 from ..vision.slam._state import SCHEMA
-from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row
+from .record import ComplexRecord, FrameRecord, Row, SkippedPair, flatten_row, hash_of
 
 _SCHEMA: Schema = {"made_by": ("|u1", ("b",)), "rows": ("|u1", ("r",))} | SCHEMA
+STATE_NAME = "state.npz"
 _LARGEST_COUNT = 1 << 40
 _LARGEST_NUMBER = 1e100
 _KINDS: dict[type, dict[str, Any]] = {each: get_type_hints(each) for each in (SkippedPair, FrameRecord, ComplexRecord)}
 
 
-def write_checkpoint(path: Path, made_by: bytes, rows: Sequence[Row], state: Arrays) -> None:
+def write_checkpoint(
+    path: Path,
+    made_by: bytes,
+    rows: Sequence[Row],
+    state: Arrays,
+    on_written: Callable[[Path], object] = lambda _: None,
+) -> None:
     """Write a checkpoint as npz, whole or not at all.
 
     Parameters
@@ -41,6 +52,8 @@ def write_checkpoint(path: Path, made_by: bytes, rows: Sequence[Row], state: Arr
         One for each pair so far.
     state : dict of str to array
         The odometry's.
+    on_written : callable, optional
+        Called with the temporary file, before it takes its place.
 
     Raises
     ------
@@ -54,6 +67,48 @@ def write_checkpoint(path: Path, made_by: bytes, rows: Sequence[Row], state: Arr
     columns: dict[str, Any] = {**heads, **arrays}  # numbers only: no object is pickled
     with atomic_write(path) as handle:
         np.savez(handle, **columns)
+        handle.flush()
+        on_written(Path(handle.name))
+
+
+def record_checkpoint(folder: RunFolder, made_by: bytes, rows: Sequence[Row], state: Arrays) -> None:
+    """Write the checkpoint of a run folder; it is noted before it takes the place of the one before.
+
+    So a run that is killed in between goes on from that one: `is_recorded` knows both.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run's.
+    made_by, rows, state
+        As for `write_checkpoint`.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    path, made_from = folder.path / STATE_NAME, hash_of([row.input_hash for row in rows])
+    note = partial(folder.record, path, input_hash=made_from)
+    write_checkpoint(path, made_by, rows, state, lambda written: note(content=written))
+
+
+def is_recorded(folder: RunFolder) -> bool:
+    """Whether a folder's checkpoint is one that its run has noted, of these settings: the last, or one before.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run's.
+
+    Returns
+    -------
+    bool
+    """
+    path, unit = folder.path / STATE_NAME, folder.units.get(STATE_NAME)
+    if unit is None or unit.config != folder.config_hash or not path.is_file():
+        return False
+    return sha256_file(path) in recorded_hashes(folder.path / MANIFEST, STATE_NAME)
 
 
 def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:

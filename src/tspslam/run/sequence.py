@@ -27,13 +27,13 @@ from ..session import Session
 from ..types import Image, StereoPair, Trajectory
 from ..vision.rig import check_pair
 from ..vision.slam.odometry import StereoOdometry
-from ._checkpoint import read_checkpoint, write_checkpoint
+from ._checkpoint import STATE_NAME as STATE_NAME
+from ._checkpoint import is_recorded, read_checkpoint, record_checkpoint
 from ._stored_rows import changed, find_row, text_of
 from .record import FrameRecord, Row, SkippedPair, hash_of, pair_hash, record_complex, record_frame
 
 OnFrame = Callable[[Frame], object]
 _Arrived = tuple[StereoPair | InputError, str]  # a pair, or why it cannot be read; hash of what it is made from
-STATE_NAME = "state.npz"
 MADE_BY = f"tspslam {__version__}, state 9".encode()  # others' checkpoints do not count
 _LOG = logging.getLogger(__name__)
 _BACKLOG = 2  # frames that may wait to be written
@@ -326,9 +326,7 @@ class SequenceRun:
         for place, written in writing:
             rows[place] = written.result()
         if any(isinstance(row, FrameRecord) and row.complex_ is not None for row in rows):
-            path = self.folder.path / STATE_NAME
-            write_checkpoint(path, MADE_BY, rows, state)
-            self.folder.record(path, input_hash=hash_of([row.input_hash for row in rows]))
+            record_checkpoint(self.folder, MADE_BY, rows, state)
 
     @property
     def _is_closing_loop(self) -> bool:
@@ -358,8 +356,7 @@ class SequenceRun:
         if STATE_NAME in self.folder.units:
             rows, state = read_checkpoint(path, MADE_BY)
             if rows != self.rows:
-                write_checkpoint(path, MADE_BY, self.rows, state)
-                self.folder.record(path, input_hash=hash_of([row.input_hash for row in self.rows]))
+                record_checkpoint(self.folder, MADE_BY, self.rows, state)
 
     def _resume(self) -> None:
         """Take over the last checkpoint, if the pairs are still those that led to it and the files are there."""
@@ -368,7 +365,7 @@ class SequenceRun:
         if not is_needed and (unit is None or not isinstance(self.session.odometry, StereoOdometry)):
             return
         try:
-            if unit is None or not self.folder.is_done(path, input_hash=unit.input):
+            if not is_recorded(self.folder):
                 raise InputError("it was changed since the run")
             self._take_over(path)
         except InputError as error:
