@@ -17,7 +17,7 @@ from tspslam.run.pipeline import run
 from tspslam.run.sequence import MADE_BY
 from tspslam.scale.maps.joining import join_runs
 from tspslam.scale.maps.runs import find_runs
-from tspslam.scale.maps.states import _weighed
+from tspslam.scale.maps.states import _weighed, read_step
 
 from ...sequences import RIG, SETTINGS, corridor
 from .walks import PIECES, Piece, content, kill_at_pictures, spied, walk, without_warnings
@@ -176,9 +176,21 @@ def test_a_place_that_cannot_be_the_run_folder_is_refused_before_anything_is_don
     (tmp_path / "file").write_text("mine")
     given = [runs[0] / name for name in ("start", "middle")]
     before = content(given[0])
-    for out, said in ((tmp_path / "file", "is a file"), (given[0] / "sub", "is in the run")):
+    (tmp_path / "link").symlink_to(tmp_path / "nothing")
+    refused = {
+        tmp_path / "file": "is a file",
+        tmp_path / "link": "a link to nothing",
+        given[0] / "sub": "is in the run",
+    }
+    for out, said in refused.items():
         with pytest.raises(InputError, match=said):
             join_runs(given, out)
         assert not out.with_name(f"{out.name}-steps").exists()
     assert (tmp_path / "file").read_text() == "mine"
     assert content(given[0]) == before
+
+
+def test_a_damaged_file_of_a_step_is_named(tmp_path):
+    (tmp_path / "step.npz").write_bytes(b"half")
+    with pytest.raises(InputError, match=r"step\.npz: is not a sound npz.*without that file the same command"):
+        read_step(tmp_path / "step.npz")

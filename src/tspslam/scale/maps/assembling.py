@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..._atomic import write_bytes
-from ...run._checkpoint import read_checkpoint, write_checkpoint
+from ...run._checkpoint import write_checkpoint
 from ...run.continuing import restore_odometry
 from ...run.record import FrameRecord
 from ...run.sequence import MADE_BY
@@ -23,7 +23,7 @@ from ...vision.slam.places.shared_places import SharedPlaces
 from ...vision.slam.pose import PoseEstimate
 from ...vision.slam.tracking import refine_pose
 from .joined_runs import JoinedRuns
-from .states import concatenate_states, joined_reader
+from .states import concatenate_states, joined_reader, read_step
 
 
 def assemble(
@@ -48,7 +48,7 @@ def assemble(
     said : Path
         A line each for the pairs of runs whose places were not believed.
     """
-    read = [read_checkpoint(path, MADE_BY) for path in states]
+    read = [read_step(path) for path in states]
     rows = [row for r, (own, _) in enumerate(read) for row in joined.rows(r, own)]
     state = concatenate_states(joined, [state for _, state in read])
     state["stamps"] = np.array([row.stamp for row in rows if isinstance(row, FrameRecord)])
@@ -71,7 +71,7 @@ def adjust(joined: JoinedRuns, before: Path, target: Path) -> None:
     before, target : Path
         What `assemble` wrote, and the checkpoint.
     """
-    rows, state = read_checkpoint(before, MADE_BY)
+    rows, state = read_step(before)
     odometry = restore_odometry(joined.rig, joined.runs[0].settings, state, joined_reader(joined, rows))
     try:
         odometry.adjust()

@@ -130,8 +130,8 @@ def join_runs(
 def _check_place(place: Path, runs: Sequence[Path]) -> None:
     """Refuse, before anything is done, a place that cannot be a folder, or is in a run or holds one."""
     check_folder(place, runs)
-    if place.exists() and not place.is_dir():
-        raise bad_input(place, "is a file", "a new folder, for the joined run")
+    if os.path.lexists(place) and not place.is_dir():
+        raise bad_input(place, "is a file, or a link to nothing", "a new folder, for the joined run")
     inner = next((run for run in runs if is_inside(place, run)), None)
     if inner is not None:
         raise bad_input(place, f"is in the run {inner}", "a new folder beside the runs")

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from ..._npz import Arrays
 from ...io._form import Form, read_arrays, write_arrays
-from ...run._checkpoint import read_checkpoint
 from ...run.continuing import restore_odometry
-from ...run.sequence import MADE_BY
 from ...vision.features.binary import Descriptors
 from ...vision.slam.odometry import StereoOdometry
 from ...vision.slam.places.candidates import find_candidates
@@ -21,7 +19,7 @@ from ...vision.slam.places.loop_closing import PlaceRecognition
 from ...vision.slam.places.settings import LoopSettings
 from ...vision.slam.places.shared_places import SharedPlaces, verify
 from .runs import FinishedRun
-from .states import image_reader
+from .states import image_reader, read_step
 
 _ANEW = "the same command makes it anew"
 _CANDIDATES = Form("candidates of a join", 2, {"candidates": ("<i8", ("c", 4))}, _ANEW, lambda arrays, lengths: None)
@@ -42,7 +40,7 @@ _SHARED = Form(
 
 @contextmanager
 def _opened(run: FinishedRun, state: Path) -> Iterator[StereoOdometry]:
-    rows, arrays = read_checkpoint(state, MADE_BY)
+    rows, arrays = read_step(state)
     odometry = restore_odometry(run.rig, run.settings, arrays, image_reader(run, rows))
     try:
         yield odometry
@@ -67,7 +65,7 @@ def write_candidates(states: Sequence[Path], loops: LoopSettings, target: Path) 
 
 def _shown(state: Path) -> list[Descriptors]:
     """Descriptors of what each keyframe of a run sees."""
-    arrays = read_checkpoint(state, MADE_BY)[1]
+    arrays = read_step(state)[1]
     return np.split(arrays["descriptors"][arrays["landmark"]], np.cumsum(arrays["keyframe_observations"])[:-1])
 
 

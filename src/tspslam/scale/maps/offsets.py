@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..._files import bad_input
-from ...run._checkpoint import read_checkpoint
-from ...run.sequence import MADE_BY
 from ...vision.slam.back_end.disparity_bias import LARGE_OFFSET, SURE
 from ...vision.slam.least_squares.offsets import Estimate
 from .runs import FinishedRun
+from .states import read_step
 
 
 def unlike_offsets(runs: Sequence[FinishedRun], states: Sequence[Path]) -> dict[str, str]:
@@ -43,5 +42,5 @@ def _unlike(runs: Sequence[FinishedRun], offsets: Sequence[Estimate]) -> Iterato
 
 def _offset(state: Path) -> Estimate:
     """The offset that a run's path and map have, px."""
-    value, information = read_checkpoint(state, MADE_BY)[1]["bias"].tolist()
+    value, information = read_step(state)[1]["bias"].tolist()
     return Estimate(value, information**-0.5)

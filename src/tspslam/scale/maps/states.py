@@ -10,6 +10,7 @@ import numpy as np
 
 from ..._files import bad_input
 from ..._npz import Arrays
+from ...errors import InputError
 from ...io import RunFolder
 from ...io.frames import read_frame_image
 from ...run._checkpoint import read_checkpoint, write_checkpoint
@@ -60,6 +61,31 @@ def finish_state(run: FinishedRun, target: Path) -> None:
     finally:
         odometry.close()
     write_checkpoint(target, MADE_BY, rows, final)
+
+
+def read_step(path: Path) -> tuple[list[Row], Arrays]:
+    """Read the checkpoint that a step of a join wrote.
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+
+    Returns
+    -------
+    rows : list of FrameRecord or SkippedPair
+    state : dict of str to array, such as ``xyz`` (M, 3) float64
+
+    Raises
+    ------
+    InputError
+        If it was changed since; the file is named.
+    """
+    try:
+        return read_checkpoint(path, MADE_BY)
+    except InputError as error:
+        expected = "what a step of this join wrote; without that file the same command makes it anew"
+        raise bad_input(path, str(error), expected) from error
 
 
 def image_reader(run: FinishedRun, rows: Sequence[Row]) -> Callable[[int], Image]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..._atomic import make_folder, write_bytes
 from ..._threads import set_threads
 from ...io import RunFolder
-from ...run._checkpoint import read_checkpoint
 from ...run._stored_rows import text_of
 from ...run.record import FrameRecord, hash_of
 from ...run.sequence import MADE_BY
@@ -23,7 +22,7 @@ from .assembling import adjust, assemble
 from .joined_runs import JoinedRuns
 from .matching import read_candidates, read_shared, write_candidates, write_shared
 from .runs import FinishedRun
-from .states import finish_state
+from .states import finish_state, read_step
 
 KEYFRAMES = 25
 """Keyframes that one step looks for at their candidates, at least: few, so that little is lost where it is killed."""
@@ -254,7 +253,7 @@ def _make_shared(plan: Plan, target: Path, i: int, j: int, part: int) -> None:
 
 def _make_frames(plan: Plan, target: Path, r: int, part: int) -> None:
     """Number some frames of run r, and their rows, anew."""
-    run, (own, _) = plan.runs[r], read_checkpoint(plan.file("state", r), MADE_BY)
+    run, (own, _) = plan.runs[r], read_step(plan.file("state", r))
     rows, before = plan.joined.rows(r, own), RunFolder.open(run.path)
     stored = [
         (run.frames[old.index], row) for old, row in zip(own, rows, strict=True)

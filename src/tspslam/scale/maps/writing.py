@@ -10,13 +10,13 @@ from ...io._config import plain
 from ...io._places import MANIFEST
 from ...io._settling import is_run_folder, read_config, refuse_foreign, settle_config
 from ...io.manifest import read_manifest
-from ...run._checkpoint import read_checkpoint
 from ...run._stages import OnStep
 from ...run.continuing import link_file
 from ...run.pipeline import RunResult, run, settings_of
 from ...run.record import FrameRecord
-from ...run.sequence import MADE_BY, STATE_NAME
+from ...run.sequence import STATE_NAME
 from .joined_runs import JoinedRuns
+from .states import read_step
 from .steps import Plan
 
 _RECORD = "run.json"
@@ -122,7 +122,7 @@ def _refused(plan: Plan, out: Path) -> list[str]:
 
 def _bring(plan: Plan, folder: RunFolder) -> None:
     """Bring the frames, and the state: that counts once all is there."""
-    rows, _ = read_checkpoint(plan.file("adjustment"), MADE_BY)
+    rows, _ = read_step(plan.file("adjustment"))
     first = RunFolder.open(plan.runs[0].path)
     for row in rows:
         if not isinstance(row, FrameRecord) or row.complex_ is None:
