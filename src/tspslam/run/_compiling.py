@@ -113,9 +113,14 @@ def compile_first(*, is_sequence: bool) -> None:
 
     numba loads and compiles one kernel at a time in a process: a frame could load none while a later kernel compiles.
     """
-    rows = listed(is_sequence=is_sequence, is_first=True)
-    for row in rows:
-        compile_one(*row)
+    rows, was_collecting = listed(is_sequence=is_sequence, is_first=True), gc.isenabled()
+    gc.disable()
+    try:
+        for row in rows:
+            compile_one(*row)
+    finally:
+        if was_collecting:
+            gc.enable()
     for module, name, types in rows:
         getattr(importlib.import_module(module), name).compile(_signature(types))
 
