@@ -29,21 +29,6 @@ from .sequence import SequenceRun
 _LANDMARKS = "landmark_id", "xyz"
 
 
-def finish_path(sequence: SequenceRun) -> None:
-    """Come to the end of the path: all is adjusted together, if no step before has done that, and judged.
-
-    Parameters
-    ----------
-    sequence : SequenceRun
-        All pairs are processed; changed.
-    """
-    odometry = sequence.session.odometry
-    if isinstance(odometry, StereoOdometry) and getattr(sequence.source, "is_adjusted", False):
-        odometry.settle()
-    else:
-        sequence.session.finish()
-
-
 @dataclass(frozen=True, repr=False)
 class Standing(Brief):
     """Where the tracked frames of a run stand.

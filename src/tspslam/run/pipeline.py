@@ -25,7 +25,7 @@ from ..vision.evaluate import TrajectoryErrors
 from ._stages import OnStep, Stages
 from .config import Resolved, as_resolved
 from .evaluate import describe_errors, measured
-from .joining import describe_recordings, finish_path, note_landmarks, placed_path, placed_poses, write_own_paths
+from .joining import describe_recordings, note_landmarks, placed_path, placed_poses, write_own_paths
 from .map import join_keyframes, stored_keyframes
 from .offset import fix_offset
 from .record import hash_of, machine
@@ -250,7 +250,6 @@ def _process_all(
         if sequence.last_error and total == 1:
             raise sequence.last_error
         raise InputError(f"{sequence.source.name}: none of {total} pairs can be used; the last: {sequence.last_error}")
-    finish_path(sequence)
     if sequence.session.settings.mapping.fix_offset:
         fix_offset(sequence)
     record = summarize_run(

@@ -341,8 +341,14 @@ class SequenceRun:
             saving.result()
 
     def _finish(self) -> None:
-        """Make the path final while the last frames and the checkpoint, which is from before that, are written."""
-        if self.tracked:
+        """Make the path final while the last frames and the checkpoint, which is from before that, are written.
+
+        All is adjusted together, unless a step of a join has done that; then its calibration is judged alone.
+        """
+        odometry = self.session.odometry
+        if isinstance(odometry, StereoOdometry) and getattr(self.source, "is_adjusted", False):
+            odometry.settle()
+        elif self.tracked:
             self.session.finish()
         self._wait_for_writing(0)
         self._finish_saving()

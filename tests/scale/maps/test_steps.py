@@ -18,6 +18,7 @@ from tspslam.scale.maps import assembling, joining, steps
 from tspslam.scale.maps.joining import join_runs
 from tspslam.scale.maps.runs import find_runs
 from tspslam.vision.slam.back_end.map_joining import join_maps
+from tspslam.vision.slam.odometry import StereoOdometry
 
 from .walks import content, kill_at_pictures, spied
 
@@ -195,3 +196,12 @@ class TestWorkers:
             watch.join()
         assert killed
         assert content(tmp_path / "map") == content(both)
+
+
+def test_a_joined_map_is_adjusted_by_its_step_alone(runs, both, tmp_path, monkeypatch):
+    """Once a run at the end of its own path, once all together; what writes the joined run only judges the offset."""
+    adjusted, adjust = [], StereoOdometry.adjust
+    monkeypatch.setattr(StereoOdometry, "adjust", lambda odometry: [adjusted.append(odometry), adjust(odometry)])
+    join_runs([runs[0] / "start", runs[0] / "middle"], tmp_path / "map")
+    assert len(adjusted) == 3
+    assert content(tmp_path / "map") == content(both)
