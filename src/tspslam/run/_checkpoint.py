@@ -34,12 +34,9 @@ _KINDS: dict[type, dict[str, Any]] = {each: get_type_hints(each) for each in (Sk
 
 
 def write_checkpoint(
-    path: Path,
-    made_by: bytes,
-    rows: Sequence[Row],
-    state: Arrays,
+    path: Path, made_by: bytes, rows: Sequence[Row], state: Arrays,
     on_written: Callable[[Path], object] = lambda _: None,
-) -> None:
+) -> None:  # fmt: skip
     """Write a checkpoint as npz, whole or not at all.
 
     Parameters
@@ -108,7 +105,8 @@ def is_recorded(folder: RunFolder) -> bool:
     path, unit = folder.path / STATE_NAME, folder.units.get(STATE_NAME)
     if unit is None or unit.config != folder.config_hash or not path.is_file():
         return False
-    return sha256_file(path) in recorded_hashes(folder.path / MANIFEST, STATE_NAME)
+    found = sha256_file(path)
+    return found == unit.sha256 or found in recorded_hashes(folder.path / MANIFEST, STATE_NAME)
 
 
 def unpack(data: bytes, made_by: bytes) -> tuple[list[Row], Arrays]:

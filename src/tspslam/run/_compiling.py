@@ -121,21 +121,24 @@ def compile_first(*, is_sequence: bool) -> None:
     finally:
         if was_collecting:
             gc.enable()
-    for module, name, types in rows:
-        getattr(importlib.import_module(module), name).compile(_signature(types))
+    for row in rows:
+        kernel, signature = _find(*row)
+        kernel.compile(signature)
 
 
 def compile_one(module: str, name: str, types: str) -> None:
     """Compile a kernel for the types of its arguments, unless that is done or under way elsewhere."""
-    kernel, signature = getattr(importlib.import_module(module), name), _signature(types)
+    kernel, signature = _find(module, name, types)
     if kernel._cache.is_left(signature, kernel.targetctx):
         kernel.compile(signature)
 
 
-def _signature(types: str) -> Any:
+def _find(module: str, name: str, types: str) -> tuple[Any, Any]:
+    """A kernel of the list, and the types of its arguments."""
     from numba.core import types as names
 
-    return eval(types, {"__builtins__": {}}, vars(names))  # our own file
+    signature = eval(types, {"__builtins__": {}}, vars(names))  # our own file
+    return getattr(importlib.import_module(module), name), signature
 
 
 def _end_with_input() -> None:

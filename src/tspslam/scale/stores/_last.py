@@ -7,14 +7,9 @@ from threading import Lock, local
 from typing import Generic, TypeVar
 from weakref import WeakValueDictionary
 
+from ...vision.images import MadeOnce
+
 T = TypeVar("T")
-
-
-class _Made(Generic[T]):
-    """A value, as soon as it is made; whoever holds the lock makes it."""
-
-    def __init__(self) -> None:
-        self.lock, self.values = Lock(), list[T]()
 
 
 class LastMade(Generic[T]):
@@ -31,7 +26,7 @@ class LastMade(Generic[T]):
 
     def __init__(self) -> None:
         self._lock, self._mine = Lock(), local()
-        self._made: WeakValueDictionary[Hashable, _Made[T]] = WeakValueDictionary()
+        self._made: WeakValueDictionary[Hashable, MadeOnce[None, T]] = WeakValueDictionary()
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
         """Give what is kept, or make it; what this thread had before goes first, unless another one has it too.
@@ -48,9 +43,6 @@ class LastMade(Generic[T]):
         T
         """
         with self._lock:
-            made = self._made.setdefault(key, _Made())
+            made = self._made.setdefault(key, MadeOnce())
         self._mine.made = made
-        with made.lock:
-            if not made.values:
-                made.values.append(make())
-            return made.values[0]
+        return made.of(None, make)
