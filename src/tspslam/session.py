@@ -262,7 +262,7 @@ class Session:
         return frame
 
     def _detect_ahead(self, pair: StereoPair | None) -> None:
-        """Have keypoints detected in a thread if the pair, the next one, is likely to become a keyframe."""
+        """Have keypoints detected in a thread where those of the pair, the next one, are likely to be needed."""
         odometry = self.odometry
         if not isinstance(pair, PreparedPair) or not isinstance(odometry, StereoOdometry):
             return

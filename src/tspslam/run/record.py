@@ -227,8 +227,9 @@ def array_hash(values: NDArray[Any]) -> str:
     values : (...,) array of numbers
         What to hash.
     """
-    head = f"{values.shape} {values.dtype}".encode()
-    return hashlib.sha256(head + np.ascontiguousarray(values).tobytes()).hexdigest()
+    digest = hashlib.sha256(f"{values.shape} {values.dtype}".encode())
+    digest.update(np.ascontiguousarray(values).data)
+    return digest.hexdigest()
 
 
 def _rig_record(rig: Rig) -> dict[str, float]:

@@ -193,6 +193,18 @@ def test_a_place_is_recognised_by_descriptors_alone():
     assert pose_by_descriptors(uv[:1], descriptors[:1], xyz[rows], wanted) is None
 
 
+@pytest.mark.parametrize("skew", [0.0, 20.0])
+def test_a_pose_is_found_by_a_fifth_of_the_matches_and_the_same_one_again(skew):
+    rig, rng, T = replace(RIG, skew=skew), np.random.default_rng(3), np.eye(4)
+    T[:3, 3] = 0.2, -0.1, 0.5
+    camera = rng.uniform((-1, -1, 3), (1, 1, 9), (100, 3))
+    uv = project(rig, camera)
+    uv[20:] = rng.uniform((0, 0), (rig.width, rig.height), (80, 2))
+    found = [solve_pnp(rig, camera + T[:3, 3], uv, max_error=2.0, min_matches=15) for _ in range(2)]
+    np.testing.assert_allclose(found[0], T, atol=1e-3)
+    np.testing.assert_array_equal(*found)
+
+
 @pytest.mark.parametrize("size", [128, 64])
 def test_real_descriptors_become_words_that_keep_what_is_near(size):
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""Whether the next frame is likely to become a keyframe: its keypoints can then be detected while it is tracked."""
+"""Whether the next frame's keypoints are likely to be needed: they can then be detected while it is tracked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Foresight:
     Attributes
     ----------
     is_due : bool
-        Whether the next frame is likely to become a keyframe.
+        Whether the next frame is likely to become a keyframe, or is looked for by its keypoints: none was tracked.
     on_due : callable or None
         Called as soon as it is.
 
@@ -42,12 +42,12 @@ class Foresight:
         self.on_due: Callable[[], object] | None = None
 
     def note(self, count: int, expected: int, *, is_keyframe: bool) -> None:
-        """Note a frame, and tell whether the next one is likely to become a keyframe.
+        """Note a frame, and tell whether the next one's keypoints are likely to be needed.
 
         Parameters
         ----------
         count : int
-            Landmarks that it tracks; 0 where it is lost.
+            Landmarks that it tracks; 0 where it is lost, or the first one.
         expected : int
             Landmarks of the last keyframe, which may be this frame.
         is_keyframe : bool
@@ -55,6 +55,6 @@ class Foresight:
         """
         self._rate = min(count / self._count, 1.0) if count and self._count else 1.0
         self._count = expected if is_keyframe else count
-        self.is_due = 0 < self._count * self._rate < _MARGIN * self._keyframe_share * expected
+        self.is_due = not count or self._count * self._rate < _MARGIN * self._keyframe_share * expected
         if self.is_due and self.on_due is not None:
             self.on_due()

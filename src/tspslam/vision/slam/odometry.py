@@ -68,7 +68,7 @@ class StereoOdometry:
     path : CameraPath
         Poses of the frames.
     foresight : Foresight
-        Whether the next frame is likely to become a keyframe.
+        Whether the next frame's keypoints are likely to be needed.
 
     Examples
     --------

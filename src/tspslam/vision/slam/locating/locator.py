@@ -25,6 +25,7 @@ _HELD = 0.5  # share of the landmarks from which the last keyframe is the one th
 _MOTIONS = 3  # that descriptors may show: the world's, that of something large before the camera, and a mixture
 _BOX = (0.1, 0.9)  # quantiles along both axes: what is far away agrees with any motion, and is everywhere
 _AHEAD = (0.0, 0.05, 0.1, 0.2)  # of the landmarks' distance: patches reach as far from each
+_ONCE_MORE = 2  # of the motions found around the largest, tried from where they are: the right one may have fewer
 _REST = 0.4  # of what the largest motion leaves in view: 0.48 to 0.72 where the motion is right, 0.33 at most elsewhere
 _GATE = 2.5  # standard deviations of a keypoint beyond which it is dropped
 _LEAST_PLACE = 2  # times the landmarks that prove a place: where a recording begins, nothing else says where that is
@@ -250,8 +251,12 @@ class Locator:
         places, best = [*(one.T_world_camera for one in found), *ahead], None
         for track in (track_pose, track_closely):  # the second where the coarse levels see too little of what is left
             if best is None:
-                near = (track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in places)
-                best = max((one for one in near if one is not None), key=len, default=None)
+                near = [track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in places]
+                most = sorted((one for one in near if one is not None), key=len)[-_ONCE_MORE:]
+                more = [
+                    track(map_.rig, image.pyramid, rest, map_.xyz, one.T_world_camera, self.settings) for one in most
+                ]
+                best = max((one for one in most + more if one is not None), key=len, default=None)
         return None if best is None else self._widened(image, best, rest)
 
     def _widened(self, image: PreparedImage, near: PoseEstimate, rest: list[Reference]) -> PoseEstimate | None:

@@ -50,44 +50,31 @@ def shared_information(uv: FloatArray, width: int, residual: FloatArray, slope: 
     >>> [float(shared_information(uv, 640, each, slope)[3, 3]) for each in (alike, apart)]
     [8.0, 0.0]
     """
-    grid = _summed(uv, width, residual, slope)
-    shared: list[FloatArray] = []
-    levels: list[FloatArray] = []
-    last = np.zeros((3, 2))
+    from ._kernels import add_slopes, sum_products
+
+    grids, shared = [_summed(uv, width, residual, slope)], []
+    last, sums = np.zeros((3, 2)), np.empty((3, 2))
     for _ in range(_LEVELS):
-        products = (grid[..., 0] ** 2 - grid[..., 1]).sum(axis=(0, 1))
-        pairs = (grid[..., 2] * (grid[..., 2] - 1)).sum(axis=(0, 1))
-        sums = np.column_stack([products, pairs])
+        rows, columns = grids[-1].shape[:2]
+        grids.append(np.empty((rows // 2, columns // 2, 3, 9)))
+        sum_products(grids[-2], sums, grids[-1])
         products, pairs = (sums - last).T
         shared.append(np.divide(products, pairs, out=np.zeros(3), where=pairs > 0))
-        levels.append(grid[..., 3:].reshape(-1, 3, 6))
-        last, grid = sums, _halved(grid)
+        last[:] = sums
     m = np.maximum.accumulate([np.zeros(3), *shared[::-1]])
     found = np.zeros((6, 6))
-    for variance, slopes in zip(np.diff(m, axis=0)[::-1], levels, strict=True):
-        scaled = (slopes * np.sqrt(variance)[:, None]).reshape(-1, 6)
-        found += scaled.T @ scaled
+    for variance, grid in zip(np.diff(m, axis=0)[::-1], grids[:-1], strict=True):
+        add_slopes(grid, variance, found)
     return found
 
 
 def _summed(uv: FloatArray, width: int, residual: FloatArray, slope: FloatArray) -> FloatArray:
     """Sums of residuals, of their squares, of ones and of slopes over the finest cells: (rows, columns, 3, 9)."""
+    from ._kernels import sum_cells
+
     cell: NDArray[np.int64] = np.maximum(uv * (_FINEST / width), 0).astype(np.int64)
     side = 1 << _LEVELS
     columns, rows = (-(-(int(most) + 1) // side) * side for most in cell.max(axis=0, initial=0))
-    number = cell[:, 1] * columns + cell[:, 0]
-    order = np.argsort(number, kind="stable")
-    is_measured = slope.any(axis=2)
-    parts = np.concatenate([np.stack([residual, residual**2, is_measured], axis=2), slope], axis=2)
-    number, grid = number[order], np.zeros((rows * columns, 3, 9))
-    start = np.flatnonzero(np.diff(number, prepend=-1))
-    if len(start):
-        grid[number[start]] = np.add.reduceat(parts[order], start, axis=0)
+    grid = np.zeros((rows * columns, 3, 9))
+    sum_cells(cell[:, 1] * columns + cell[:, 0], residual, slope, grid)
     return grid.reshape(rows, columns, 3, 9)
-
-
-def _halved(grid: FloatArray) -> FloatArray:
-    """Sums over squares of four cells."""
-    rows, columns = grid.shape[:2]
-    found: FloatArray = grid.reshape(rows // 2, 2, columns // 2, 2, 3, 9).sum(axis=(1, 3))
-    return found

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ....types import FloatArray, Rig
 from ...se3 import inverse
+from ..least_squares.bundle import lens_of
 from ..pose import PoseEstimate, Rival
 from .shared_errors import shared_information
 
@@ -77,23 +78,20 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     (6, 6) float64
         Of (ω, υ), rad and m, in the camera's frame.
     """
-    C, points = estimate.covariance, xyz[estimate.landmark]
-    J, across, residual = _linearise(rig, estimate, points)
-    weight = np.column_stack([np.full((len(points), 2), sources.sigma_uv), sources.sigma_disparity]) ** -2.0
-    weight[np.isnan(estimate.disparity), 2] = 0
-    square = (residual**2 * weight).sum(axis=1)
-    robust = np.minimum(1, _HUBER / np.sqrt(np.maximum(square, 1e-12)))
-    shift = _depth_shift(rig, estimate, points, across, sources.T_world_keyframe)
-    depth = sources.sigma_disparity / np.sqrt(sources.views)
-    expected = np.count_nonzero(weight) - 6 + float(((shift * depth[:, None]) ** 2 * weight).sum())
-    variance = max(_LEAST_VARIANCE, float((robust * square).sum()) / max(1.0, expected)) / estimate.agreement
-    weight *= robust[:, None]
-    moved = np.einsum("nki,nk->ni", J, weight * shift)
+    from ._kernels import weigh_sights
+
+    C, K, depth = estimate.covariance, len(estimate), sources.sigma_disparity / np.sqrt(sources.views)
+    seen = np.column_stack([estimate.uv, estimate.disparity])
+    sigma = np.column_stack([np.full((K, 2), sources.sigma_uv), sources.sigma_disparity])
+    slope, residual, moved, scale = np.empty((K, 3, 6)), np.empty((K, 3)), np.empty((K, 6)), np.empty((K, 3))
+    poses = np.ascontiguousarray(estimate.T_world_camera), np.ascontiguousarray(sources.T_world_keyframe)
+    given = lens_of(rig), *poses, xyz[estimate.landmark], seen, sigma, depth, _HUBER
+    count, expected, square = weigh_sights(*given, slope, residual, moved, scale)
+    variance = max(_LEAST_VARIANCE, square / max(1.0, count - 6 + expected)) / estimate.agreement
     own = moved * depth[:, None]
-    common = C @ (moved.sum(axis=0) + weight[:, 2] @ J[:, 2])
-    pulled = C @ np.einsum("nki,nk->i", J, weight * sources.pull)
-    root = np.sqrt(weight)
-    shared = shared_information(estimate.uv, rig.width, residual * root, J * root[:, :, None])
+    common = C @ (moved.sum(axis=0) + scale[:, 2] @ slope[:, 2])
+    pulled = C @ ((scale * sources.pull).ravel() @ slope.reshape(-1, 6))
+    shared = shared_information(estimate.uv, rig.width, residual, slope)
     spread: FloatArray = variance * (C + C @ (own.T @ own) @ C) + C @ shared @ C
     return spread + (sources.offset_std**2 + _COMMON**2) * np.outer(common, common) + np.outer(pulled, pulled)
 
@@ -134,36 +132,6 @@ def rival_spread(T_world_camera: FloatArray, rival: Rival) -> FloatArray:
     A = adjoint(apart)
     found: FloatArray = rival.probability * (A @ rival.covariance @ A.T + np.outer(xi, xi))
     return found
-
-
-def _linearise(rig: Rig, estimate: PoseEstimate, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of (u, v, disparity) by (ω, υ), (K, 3, 6), and by the point in the camera, (K, 3, 3); residuals."""
-    T = estimate.T_world_camera
-    camera = (points - T[:3, 3]) @ T[:3, :3]
-    x, y, z = camera.T
-    across = np.zeros((len(points), 3, 3))
-    across[:, 0, 0], across[:, 0, 1], across[:, 0, 2] = rig.fx / z, rig.skew / z, -(rig.fx * x + rig.skew * y) / z**2
-    across[:, 1, 1], across[:, 1, 2] = rig.fy / z, -rig.fy * y / z**2
-    across[:, 2, 2] = -rig.fx * rig.baseline / z**2
-    J = np.empty((len(points), 3, 6))
-    J[:, :, 3:] = across
-    for k in range(3):  # the cross product of the point and the row
-        after, last = (k + 1) % 3, (k + 2) % 3
-        J[:, :, k] = camera[:, after, None] * across[:, :, last] - camera[:, last, None] * across[:, :, after]
-    u, v = rig.cx + (rig.fx * x + rig.skew * y) / z, rig.cy + rig.fy * y / z
-    expected = np.column_stack([u, v, rig.fx * rig.baseline / z - rig.doffs])
-    return J, across, np.nan_to_num(np.column_stack([estimate.uv, estimate.disparity]) - expected)
-
-
-def _depth_shift(
-    rig: Rig, estimate: PoseEstimate, points: FloatArray, across: FloatArray, T_world_keyframe: FloatArray
-) -> FloatArray:
-    """How (u, v, disparity) change with the disparities that a keyframe measured, px per px, (K, 3)."""
-    ray = points - T_world_keyframe[:3, 3]
-    away = np.maximum(ray @ T_world_keyframe[:3, 2], rig.baseline)  # what lies behind that camera was seen by another
-    ray = ray * (away / (rig.fx * rig.baseline))[:, None]
-    shift: FloatArray = np.einsum("nij,nj->ni", across, ray @ estimate.T_world_camera[:3, :3])
-    return shift
 
 
 def adjoint(T: FloatArray) -> FloatArray:
