@@ -13,7 +13,6 @@ from tspslam.vision.se3 import inverse
 from tspslam.vision.slam.locating import uncertainty
 from tspslam.vision.slam.locating.shared_errors import shared_information
 from tspslam.vision.slam.locating.uncertainty import Sources, adjoint, pose_covariance
-from tspslam.vision.slam.new_landmarks import follow_offset
 from tspslam.vision.slam.odometry import StereoOdometry
 from tspslam.vision.slam.pose import PoseEstimate
 from tspslam.vision.slam.tracking import TrackingSettings, refine_pose
@@ -214,29 +213,6 @@ def test_the_covariance_from_the_start_is_that_of_the_path(driven):
     for frame in (-1, len(truth), 0.5, None):
         with pytest.raises(InputError, match=f"frame is {frame}, expected one of 0 to {len(truth) - 1}"):
             odometry.covariance_from_start(frame)
-
-
-def test_new_landmarks_follow_the_offset_of_the_disparities(driven):
-    """They stay at the same place of their keyframe's image, as deep as its disparities now say."""
-    map_ = driven[0].map
-    before, frame = map_.rig, map_.keyframes[-1]
-    first = np.setdiff1d(frame.landmark, np.concatenate([other.landmark for other in map_.keyframes[:-1]]))
-    kept = np.setdiff1d(np.arange(len(map_.xyz)), first)
-
-    def seen(rig):
-        camera = (map_.xyz[first] - frame.T_world_camera[:3, 3]) @ frame.T_world_camera[:3, :3]
-        return project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs
-
-    (uv, disparity), others = seen(before), map_.xyz[kept].copy()
-    try:
-        map_.rig = replace(before, doffs=before.doffs - 0.2)
-        follow_offset(map_, kept, before)
-        moved, again = seen(map_.rig)
-    finally:
-        map_.rig = before
-    np.testing.assert_allclose(moved, uv, atol=1e-6)
-    np.testing.assert_allclose(again, disparity, atol=1e-6)
-    assert np.array_equal(map_.xyz[kept], others)
 
 
 def test_a_restored_odometry_knows_its_covariances():

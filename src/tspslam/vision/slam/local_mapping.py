@@ -35,7 +35,7 @@ from .keyframes.parts import join_parts
 from .least_squares.bundle import Adjustment
 from .locating.locator import covariance_against_keyframe
 from .locating.path_covariance import Links
-from .new_landmarks import follow_offset
+from .new_landmarks import follow_keyframes, follow_offset
 from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import refine_pose, spread_of
@@ -257,10 +257,12 @@ class LocalMapper:
 
     def _apply(self, job: AdjustmentJob, found: Adjustment) -> None:
         """Take over poses, landmarks and the offset of the disparities."""
-        map_, rig = self.map, self.map.rig
+        map_, rig, before, tracking = self.map, self.map.rig, list(self.map.keyframes), self._places.tracking
         job.apply(map_, found)
+        adjusted = np.searchsorted(map_.landmark_id, job.problem.landmark_id)
+        follow_keyframes(map_, adjusted, before, tracking.first_gate * tracking.sigma_uv)
         map_.rig = self.bias.correct(self._rig)
-        follow_offset(map_, np.searchsorted(map_.landmark_id, job.problem.landmark_id), rig)
+        follow_offset(map_, adjusted, rig)
 
     def _take_over_loop(self, found: LoopCorrection | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""

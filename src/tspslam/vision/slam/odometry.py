@@ -15,6 +15,7 @@ from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
 from ..features.binary import binary_descriptors
 from ..features.orb import OrbDetector
 from ..images import PreparedPair, grey_levels, prepare
+from ..rig import project
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
@@ -41,10 +42,11 @@ class StereoOdometry:
     Patches around the landmarks of the last keyframes are tracked into the left image, from where a constant velocity
     predicts them, and the pose is the least-squares one of (u, v); then of (u, v, disparity), with disparities searched
     near where the pose has them. If that fails, the camera is relocalised by descriptors. Where few landmarks of the
-    last keyframe are left, the frame becomes a keyframe: both images are searched for new points, and the last
-    keyframes and what they saw are adjusted together, with the offset that all disparities have in common: a
-    calibration that is off by a fifth of a pixel makes a path 1 % too long, and the motion tells. The adjustment goes
-    on while the next frame is tracked; its result counts from a fixed frame on, so that runs repeat.
+    last keyframe are left, or the motion has changed by more than patches reach, the frame becomes a keyframe: both
+    images are searched for new points, and the last keyframes and what they saw are adjusted together, with the offset
+    that all disparities have in common: a calibration that is off by a fifth of a pixel makes a path 1 % too long, and
+    the motion tells. The adjustment goes on while the next frame is tracked; its result counts from a fixed frame on,
+    so that runs repeat.
 
     Parameters
     ----------
@@ -196,7 +198,7 @@ class StereoOdometry:
         """
         self._check(pair.name, pair.rig, pair.stamp)
         images, watch, path = prepare(pair), Stopwatch(), self.path
-        estimate, stereo, is_origin = None, None, False
+        estimate, stereo, is_origin, predicted = None, None, False, path.pose
         if self.map.keyframes:
             if len(path) - self.map.keyframes[-1].index >= _JOINED:
                 self._take_over()
@@ -204,7 +206,7 @@ class StereoOdometry:
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
-        is_wanted, count = self._wants_keyframe(estimate), 0 if estimate is None else len(estimate)
+        is_wanted, count = self._wants_keyframe(estimate, predicted), 0 if estimate is None else len(estimate)
         if not is_wanted:
             self.foresight.note(count, self.mapper.expected, is_keyframe=False)
         link = self._link(images, estimate)
@@ -284,12 +286,21 @@ class StereoOdometry:
             covariance = covariance + self.path.doubt_since(against)
         return against, covariance
 
-    def _wants_keyframe(self, estimate: PoseEstimate | None) -> bool:
-        """Whether few of the last keyframe's landmarks are left, a lost camera is found, or the map begins anew."""
+    def _wants_keyframe(self, estimate: PoseEstimate | None, predicted: FloatArray) -> bool:
+        """Whether few landmarks are left, a lost camera is found, its motion changed a lot, or the map begins anew."""
         if estimate is None:
             return not self.map.keyframes or self.is_beginning or self.path.unplaced >= self.tracking.patience
         least = self.tracking.keyframe_share * self.mapper.expected
-        return self.path.was_lost or self.is_beginning or len(estimate) < least
+        is_at_hand = len(estimate) >= least and not self._is_out_of_reach(estimate, predicted)
+        return self.path.was_lost or self.is_beginning or not is_at_hand
+
+    def _is_out_of_reach(self, estimate: PoseEstimate, predicted: FloatArray) -> bool:
+        """Whether most landmarks are farther than patches reach from where a known motion led: the next may be too."""
+        if not self.path.is_motion_known:
+            return False
+        camera = (self.map.xyz[estimate.landmark] - predicted[:3, 3]) @ predicted[:3, :3]
+        off = np.linalg.norm(project(self.rig, camera) - estimate.uv, axis=1)
+        return bool(np.median(np.nan_to_num(off, nan=np.inf)) > self.tracking.pose.reach)
 
     def _take_over(self) -> None:
         """Take over the adjustment under way, if any, and what closes a loop, if it is time."""

@@ -19,6 +19,7 @@ from .pose import PoseEstimate, fit_robustly
 
 _Stage = tuple[range, float, tuple[float, ...], int]  # levels, spread of a point in px, gates, points
 
+_COARSEST = 3  # level of the pyramid
 _DRIVES = "right poses on KITTI and EuRoC have 0.35 to 0.6 at camera rate, wrong ones near the guess up to 0.1"
 
 
@@ -116,6 +117,11 @@ class TrackingSettings(Checked, what="tracking.pose"):
         """What a patch is."""
         return Patch(self.patch_radius, self.patch_contrast, self.patch_reach, self.min_correlation)
 
+    @property
+    def reach(self) -> float:
+        """Farthest from where it is expected that a landmark is found by its patch, px."""
+        return self.patch_reach * 2**_COARSEST
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -165,7 +171,7 @@ def track_pose(
     PoseEstimate or None
         Without disparities.
     """
-    rough = range(3, 0, -1), settings.rough_sigma_uv, (settings.rough_gate,), settings.rough_points
+    rough = range(_COARSEST, 0, -1), settings.rough_sigma_uv, (settings.rough_gate,), settings.rough_points
     fine = range(0, -1, -1), settings.sigma_uv, (settings.first_gate, settings.last_gate), max(1, len(xyz))
     return _track_stages(rig, image, references, xyz, T_guess, (rough, fine), settings)
 

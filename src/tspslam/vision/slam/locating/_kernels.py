@@ -6,31 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...._jit import inlined, kernel
+from ..least_squares._kernels import huber_of, pose_jacobian, residual, square_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 
 @inlined
-def _differentiate(lens: Float64, camera: Float64, across: Float64, J: Float64) -> None:
-    """Fill derivatives of (u, v, disparity) by a point in the camera, (3, 3), and by the pose's (ω, υ), (3, 6)."""
-    x, y, z = camera
-    fx, fy, skew = lens[0], lens[1], lens[4]
-    across[:] = 0
-    across[0, 0], across[0, 1], across[0, 2] = fx / z, skew / z, -(fx * x + skew * y) / z**2
-    across[1, 1], across[1, 2] = fy / z, -fy * y / z**2
-    across[2, 2] = -lens[5] / z**2
-    for k in range(3):
-        after, last = (k + 1) % 3, (k + 2) % 3
-        for i in range(3):  # the cross product of the point and the row
-            J[i, k] = camera[after] * across[i, last] - camera[last] * across[i, after]
-            J[i, 3 + k] = across[i, k]
-
-
-@inlined
-def _shift_with_depth(
-    lens: Float64, T: Float64, T_keyframe: Float64, X: Float64, across: Float64, out: Float64
-) -> None:
+def _shift_with_depth(lens: Float64, R: Float64, T_keyframe: Float64, X: Float64, J: Float64, out: Float64) -> None:
     """Fill how (u, v, disparity) change with the disparity that a keyframe measured, px per px."""
     away = 0.0
     for k in range(3):
@@ -40,50 +23,40 @@ def _shift_with_depth(
     for j in range(3):
         turned = 0.0
         for k in range(3):
-            turned += (X[k] - T_keyframe[k, 3]) * T[k, j]
+            turned += (X[k] - T_keyframe[k, 3]) * R[j, k]
         for i in range(3):
-            out[i] += across[i, j] * turned * away
+            out[i] += J[i, 3 + j] * turned * away
 
 
 @kernel
 def weigh_sights(
-    lens: Float64, T: Float64, T_keyframe: Float64, points: Float64, seen: Float64, sigma: Float64, depth: Float64,
-    huber: float, slope: Float64, residual: Float64, moved: Float64, scale: Float64,
+    lens: Float64, T_camera_world: Float64, T_keyframe: Float64, points: Float64, seen: Float64, information: Float64,
+    depth: Float64, huber: float, slope: Float64, residuals: Float64, moved: Float64, scale: Float64,
 ) -> tuple[int, float, float]:  # fmt: skip
-    """Fill what each sight says of the pose T, in standard deviations `sigma` (K, 3), weighed by a Huber cost.
+    """Fill what each sight says of a pose, in standard deviations, weighed by a Huber cost; 0 behind the camera.
 
-    `slope` (K, 3, 6): derivatives of (u, v, disparity) by (ω, υ); `residual` (K, 3); `moved` (K, 6): Jᵀ W ∂r/∂d of each
-    point, whose disparity `T_keyframe` measured to `depth` px; `scale` (K, 3): √weight, 0 where `seen` is NaN.
+    `information` (K, 2): that of a pixel and of a disparity. `slope` (K, 3, 6): derivatives of (u, v, disparity) by
+    (ω, υ); `residuals` (K, 3); `moved` (K, 6): Jᵀ W ∂r/∂d of each point, whose disparity `T_keyframe` measured to
+    `depth` px; `scale` (K, 3): √weight, 0 where `seen` is NaN.
 
     Returned: values measured, what the depths let expect of the sum of their squares, and that sum.
     """
-    across, J, shift, camera = np.empty((3, 3)), np.empty((3, 6)), np.empty(3), np.empty(3)
+    p, r, J, shift = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty(3)
+    R, t = T_camera_world[:3, :3], T_camera_world[:3, 3]
+    slope[:], residuals[:], moved[:], scale[:] = 0, 0, 0, 0
     count, expected, total = 0, 0.0, 0.0
     for m in range(points.shape[0]):
-        X, square = points[m], 0.0
-        for j in range(3):
-            camera[j] = 0.0
-            for k in range(3):
-                camera[j] += (X[k] - T[k, 3]) * T[k, j]
-        _differentiate(lens, camera, across, J)
-        _shift_with_depth(lens, T, T_keyframe, X, across, shift)
-        x, y, z = camera
-        residual[m, 0] = seen[m, 0] - (lens[2] + (lens[0] * x + lens[4] * y) / z)
-        residual[m, 1] = seen[m, 1] - (lens[3] + lens[1] * y / z)
-        residual[m, 2] = seen[m, 2] - (lens[5] / z - lens[6])
-        for i in range(3):
-            is_measured = not np.isnan(seen[m, i])
-            scale[m, i] = 1 / sigma[m, i] if is_measured else 0.0
-            residual[m, i] = residual[m, i] * scale[m, i] if is_measured else 0.0
-            count += is_measured
-            square += residual[m, i] ** 2
-            expected += (shift[i] * depth[m] * scale[m, i]) ** 2
-        robust = min(1.0, huber / np.sqrt(max(square, 1e-12)))
-        total += robust * square
-        moved[m] = 0
-        for i in range(3):
-            scale[m, i] *= np.sqrt(robust)
-            residual[m, i] *= np.sqrt(robust)
+        if not residual(lens, R, t, points[m], seen[m], p, r):
+            continue
+        measured = 2 if np.isnan(seen[m, 2]) else 3
+        pose_jacobian(lens, p, measured == 3, J)
+        _shift_with_depth(lens, R, T_keyframe, points[m], J, shift)
+        weight = huber_of(r, information[m], huber)[1]
+        count, total = count + measured, total + weight * square_of(r, information[m])
+        for i in range(measured):
+            expected += (shift[i] * depth[m]) ** 2 * information[m, i // 2]
+            scale[m, i] = np.sqrt(weight * information[m, i // 2])
+            residuals[m, i] = r[i] * scale[m, i]
             for k in range(6):
                 slope[m, i, k] = J[i, k] * scale[m, i]
                 moved[m, k] += slope[m, i, k] * scale[m, i] * shift[i]

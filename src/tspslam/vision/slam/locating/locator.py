@@ -248,16 +248,18 @@ class Locator:
         ahead = [guess.copy() for _ in _AHEAD]
         for T, share in zip(ahead, _AHEAD, strict=True):
             T[:3, 3] += share * far * guess[:3, 2]
-        places, best = [*(one.T_world_camera for one in found), *ahead], None
+        places = [*(one.T_world_camera for one in found), *ahead]
+
+        def search(track: Callable[..., PoseEstimate | None], guesses: Sequence[FloatArray]) -> list[PoseEstimate]:
+            tried = (track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in guesses)
+            return sorted((one for one in tried if one is not None), key=len)
+
         for track in (track_pose, track_closely):  # the second where the coarse levels see too little of what is left
-            if best is None:
-                near = [track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in places]
-                most = sorted((one for one in near if one is not None), key=len)[-_ONCE_MORE:]
-                more = [
-                    track(map_.rig, image.pyramid, rest, map_.xyz, one.T_world_camera, self.settings) for one in most
-                ]
-                best = max((one for one in most + more if one is not None), key=len, default=None)
-        return None if best is None else self._widened(image, best, rest)
+            most = search(track, places)[-_ONCE_MORE:]
+            if most:
+                again = search(track, [one.T_world_camera for one in most])
+                return self._widened(image, max(most + again, key=len), rest)
+        return None
 
     def _widened(self, image: PreparedImage, near: PoseEstimate, rest: list[Reference]) -> PoseEstimate | None:
         """A pose of landmarks around the largest motion, with all that agree; without those where they are too few."""

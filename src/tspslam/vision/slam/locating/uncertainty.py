@@ -59,7 +59,7 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
     of the landmarks found that agree: an observation counts for what it is likely to be right. S is what errors of
     neighbouring points have in common, as the residuals show it (`shared_information`). σ_o is the standard
     deviation of the offset that all disparities have in common, now and in the keyframe, with 0.02 px that hold for
-    any matcher. h is how far the keyframe's own sights p would move it: an adjustment moves it, but not the landmarks
+    any matcher. h is how far the keyframe's own sights p would move it: an adjustment moves it, but not all landmarks
     that it alone has seen.
 
     Parameters
@@ -82,10 +82,10 @@ def pose_covariance(rig: Rig, estimate: PoseEstimate, xyz: FloatArray, sources: 
 
     C, K, depth = estimate.covariance, len(estimate), sources.sigma_disparity / np.sqrt(sources.views)
     seen = np.column_stack([estimate.uv, estimate.disparity])
-    sigma = np.column_stack([np.full((K, 2), sources.sigma_uv), sources.sigma_disparity])
+    information = np.column_stack([np.full(K, sources.sigma_uv), sources.sigma_disparity]) ** -2.0
     slope, residual, moved, scale = np.empty((K, 3, 6)), np.empty((K, 3)), np.empty((K, 6)), np.empty((K, 3))
-    poses = np.ascontiguousarray(estimate.T_world_camera), np.ascontiguousarray(sources.T_world_keyframe)
-    given = lens_of(rig), *poses, xyz[estimate.landmark], seen, sigma, depth, _HUBER
+    poses = np.ascontiguousarray(inverse(estimate.T_world_camera)), np.ascontiguousarray(sources.T_world_keyframe)
+    given = lens_of(rig), *poses, xyz[estimate.landmark], seen, information, depth, _HUBER
     count, expected, square = weigh_sights(*given, slope, residual, moved, scale)
     variance = max(_LEAST_VARIANCE, square / max(1.0, count - 6 + expected)) / estimate.agreement
     own = moved * depth[:, None]
