@@ -136,27 +136,33 @@ def bent(walk, there):
     return odometry, pairs, truth
 
 
-@pytest.mark.parametrize("is_closed", [True, False])
-def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch, is_closed):
-    """The last ten frames are off by 10 mm, or 20 mm if no place is known again; the drift put in is 58 mm.
+def test_a_loop_is_closed_and_the_drift_goes(bent, monkeypatch):
+    """The last ten frames are off by 10 mm, and by 20 mm if no place is known again; the drift put in is 58 mm.
 
-    In corridors of four other seeds by 5 to 12, and 14 to 21 mm.
+    In corridors of four other seeds by 5 to 12, and 14 to 21 mm, 0.4 to 0.9 times as much. The covariance of the last
+    pose, by its trace, is 0.14 of that without loops; 0.001 to 0.3 in others.
     """
     odometry, pairs, truth = bent
-    if not is_closed:
-        monkeypatch.setattr(PlaceRecognition, "detect_loop", lambda *_: None)
+    other = StereoOdometry(RIG, detector=DETECTOR)
+    other.restore(odometry.state(), lambda number: pairs[number].left)
+    closed = come_back(odometry, pairs, truth)
+    monkeypatch.setattr(PlaceRecognition, "detect_loop", lambda *_: None)
+    assert closed < 0.75 * come_back(other, pairs, truth)
+    assert odometry.loops > other.loops == 0
+    assert len(odometry.mapper.loops.frame) > len(other.mapper.loops.frame) == 0
+    last = len(odometry.path) - 1
+    known = np.trace(odometry.covariance_from_start(last))
+    odometry.mapper.loops = Links.of_none()
+    assert known < 0.5 * np.trace(odometry.covariance_from_start(last))
+
+
+def come_back(odometry, pairs, truth):
+    """Go on to the end; how far the last ten frames are off, root mean square, m."""
     for pair in pairs[THERE:]:
         odometry.process(pair)
     odometry.finish()
     away = (odometry.trajectory.T_world_camera - truth)[-10:, :3, 3]
-    assert (odometry.loops > 0) is is_closed
-    assert (float(np.sqrt((away**2).sum(axis=1).mean())) < 0.015) is is_closed
-    last, loops = len(odometry.path) - 1, odometry.mapper.loops
-    known = np.trace(odometry.covariance_from_start(last))
-    odometry.mapper.loops = Links.of_none()
-    without = np.trace(odometry.covariance_from_start(last))
-    assert bool(len(loops.frame)) is is_closed
-    assert known < 0.5 * without if is_closed else known == without
+    return np.sqrt((away**2).sum(axis=1).mean())
 
 
 def test_old_landmarks_are_found_where_they_are_and_the_drift_is_told(walk, there):

@@ -226,7 +226,7 @@ def test_sweeps_come_near_to_what_all_keyframes_at_once_give():
     begun = robust(world)
     whole, swept = copy_map(world), copy_map(world)
     problem = collect_problem(whole, range(1, 120), NOISE)
-    problem.apply(whole, problem.solve(world.rig, 0.0, None, 20), 5.0)
+    problem.apply(whole, problem.solve(world.rig, 0.0, None, 20))
     assert sweep_map(swept, NOISE, world.rig, 0.0) == 0
     assert robust(swept) < robust(whole) + 0.1 * (begun - robust(whole))
 
@@ -236,7 +236,7 @@ def test_landmarks_that_move_to_other_rows_meanwhile_are_found_by_their_numbers(
     same = copy_map(world)
     problem = collect_problem(world, window_of(world), NOISE)
     found = problem.solve(world.rig, 0.0, None, 5)
-    problem.apply(world, found, 5.0)
+    problem.apply(world, found)
     shift = 40  # as if so many landmarks before them had been culled
     for name in ("xyz", "landmark_id"):
         setattr(same, name, getattr(same, name)[shift:])

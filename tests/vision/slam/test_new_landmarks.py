@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from tspslam.vision.rig import project
-from tspslam.vision.slam.new_landmarks import follow_keyframes, follow_offset
-from tspslam.vision.slam.odometry import StereoOdometry
+from tspslam.vision.slam.back_end.new_landmarks import follow_keyframes, follow_offset
+from tspslam.vision.slam.keyframes.settings import MapSettings
+from tspslam.vision.slam.odometry import StereoOdometry, Tracking
 
 from ...sequences import DETECTOR, RIG, corridor
+from .bending import bend
 
-GATE = 1.8  # px
+MOST = 1.8  # px
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +48,11 @@ def seen(world, frame, rows):
     return np.column_stack([project(world.rig, camera), RIG.fx * RIG.baseline / camera[:, 2] - world.rig.doffs])
 
 
-def moved(world, shift):
-    """The keyframes as they were; the last one is moved along its first axis."""
+def moved(world, right=0.0, ahead=0.0):
+    """The keyframes as they were; the last one is moved along its axes, m."""
     before, frame = list(world.keyframes), world.keyframes[-1]
     T = frame.T_world_camera.copy()
-    T[:3, 3] += shift * T[:3, 0]
+    T[:3, 3] += T[:3, :3] @ (right, 0, ahead)
     world.keyframes[-1] = replace(frame, T_world_camera=T)
     return before
 
@@ -59,30 +61,51 @@ def test_landmarks_that_one_keyframe_saw_go_with_it_where_they_would_be_left_beh
     """Those nearer than 4.3 m: 0.02 m are 1.8 px there."""
     frame, first, kept = alone(world)
     sights, xyz = seen(world, frame, first), world.xyz.copy()
-    before = moved(world, 0.02)
+    before = moved(world, right=0.02)
     left = np.linalg.norm(seen(world, world.keyframes[-1], first) - sights, axis=1)
-    follow_keyframes(world, kept, before, GATE)
-    is_behind = left > GATE
+    follow_keyframes(world, kept, before, MOST)
+    is_behind = left > MOST
     assert 10 < is_behind.sum() < len(first) - 10
     np.testing.assert_allclose(seen(world, world.keyframes[-1], first[is_behind]), sights[is_behind], atol=1e-6)
     assert np.array_equal(world.xyz[first[~is_behind]], xyz[first[~is_behind]])
     assert np.array_equal(world.xyz[kept], xyz[kept])
 
 
-def test_landmarks_behind_a_keyframe_that_was_moved_go_with_it(world):
+def test_landmarks_that_a_keyframe_has_moved_past_go_with_it(world):
     frame, first, kept = alone(world)
-    sights, before = seen(world, frame, first), moved(world, 0.0)
-    T = world.keyframes[-1].T_world_camera
-    T[:3, 3] += 100 * T[:3, 2]
-    follow_keyframes(world, kept, before, GATE)
+    sights, before = seen(world, frame, first), moved(world, ahead=100)
+    follow_keyframes(world, kept, before, MOST)
     np.testing.assert_allclose(seen(world, world.keyframes[-1], first), sights, atol=1e-6)
 
 
-def test_landmarks_that_were_adjusted_or_whose_keyframe_stays_do_not_follow(world):
+def test_landmarks_that_were_adjusted_or_that_another_keyframe_saw_stay(world):
+    _, first, _ = alone(world)
     xyz = world.xyz.copy()
-    follow_keyframes(world, np.arange(len(xyz)), moved(world, 1.0), GATE)
-    follow_keyframes(world, np.empty(0, np.int64), list(world.keyframes), GATE)
+    follow_keyframes(world, np.arange(len(xyz)), moved(world, right=1.0), MOST)
     assert np.array_equal(world.xyz, xyz)
+    follow_keyframes(world, np.empty(0, np.int64), moved(world, right=1.0), MOST)
+    assert set(np.flatnonzero((world.xyz != xyz).any(axis=1))) == set(first)
+
+
+@pytest.mark.parametrize("most", [2, 500])
+def test_after_all_keyframes_are_adjusted_each_has_its_landmarks_where_it_saw_them(most):
+    """Piece by piece or at once; the map was bent before, by 0.3 m at its end."""
+    odometry, T = (
+        StereoOdometry(RIG, detector=DETECTOR, tracking=Tracking(map=MapSettings(max_keyframes=most))),
+        np.eye(4),
+    )
+    for pair in corridor(4.0):
+        odometry.process(pair)
+    odometry.path.pose = odometry.mapper.join(odometry.path.pose)
+    T[0, 3] = 0.3
+    bend(odometry.map, T)
+    odometry.finish()
+    odometry.close()
+    world = odometry.map
+    for frame in world.keyframes[1:]:
+        rows = np.flatnonzero(world.sightings.count(frame.landmark) == 1)
+        off = seen(world, frame, frame.landmark[rows])[:, :2] - frame.uv[rows]
+        assert np.linalg.norm(off, axis=1).max() < 2 * MOST
 
 
 def test_landmarks_follow_the_offset_of_the_disparities(world):

@@ -28,6 +28,7 @@ from .back_end.loop_correction import (
     note_loop,
     prepare,
 )
+from .back_end.new_landmarks import follow_offset
 from .back_end.sweeping import sweep_map
 from .keyframes.keyframe import Keypoints
 from .keyframes.map import Map
@@ -35,7 +36,6 @@ from .keyframes.parts import join_parts
 from .least_squares.bundle import Adjustment
 from .locating.locator import covariance_against_keyframe
 from .locating.path_covariance import Links
-from .new_landmarks import follow_keyframes, follow_offset
 from .places.loop_closing import PlaceRecognition
 from .pose import PoseEstimate
 from .tracking import refine_pose, spread_of
@@ -257,12 +257,10 @@ class LocalMapper:
 
     def _apply(self, job: AdjustmentJob, found: Adjustment) -> None:
         """Take over poses, landmarks and the offset of the disparities."""
-        map_, rig, before, tracking = self.map, self.map.rig, list(self.map.keyframes), self._places.tracking
+        map_, rig = self.map, self.map.rig
         job.apply(map_, found)
-        adjusted = np.searchsorted(map_.landmark_id, job.problem.landmark_id)
-        follow_keyframes(map_, adjusted, before, tracking.first_gate * tracking.sigma_uv)
         map_.rig = self.bias.correct(self._rig)
-        follow_offset(map_, adjusted, rig)
+        follow_offset(map_, np.searchsorted(map_.landmark_id, job.problem.landmark_id), rig)
 
     def _take_over_loop(self, found: LoopCorrection | None) -> None:
         """Close the loop, or leave the map as it is if there is no solution."""
@@ -300,11 +298,11 @@ class LocalMapper:
 
     def _adjust_all(self) -> None:
         """Adjust all keyframes but the first, and the offset of the disparities."""
-        map_, bias, settings = self.map, self.bias, self.map.settings
+        map_, bias = self.map, self.bias
         problem = collect_problem(map_, range(1, len(map_.keyframes)), self._sigma_uv)
         if problem is None:
             return
-        job = AdjustmentJob(problem, self._rig, *bias.prior, settings.max_steps, settings.outlier)
+        job = AdjustmentJob(problem, self._rig, *bias.prior, map_.settings.max_steps)
         found = job.solve()
         if found is None:
             self.unsolved += 1

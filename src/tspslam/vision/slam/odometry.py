@@ -15,7 +15,6 @@ from ...types import FloatArray, Image, Rig, StereoPair, Trajectory
 from ..features.binary import binary_descriptors
 from ..features.orb import OrbDetector
 from ..images import PreparedPair, grey_levels, prepare
-from ..rig import project
 from ..stereo.reconstruct import Detector, Matcher, Stereo, match_stereo
 from ..stereo.row_matcher import RowMatcher, search_near
 from ._state import check_state, map_state, restore_map
@@ -26,7 +25,7 @@ from .local_mapping import LocalMapper, follow_merges
 from .locating.locator import Locator, covariance_against_keyframe
 from .path import CameraPath
 from .places.loop_closing import PlaceRecognition
-from .pose import PoseEstimate, Tracked
+from .pose import PoseEstimate, Tracked, distance_to_sights
 from .settings import Tracking as Tracking
 from .tracking import level_planes, measure_disparities, refine_pose, spread_of
 
@@ -198,7 +197,7 @@ class StereoOdometry:
         """
         self._check(pair.name, pair.rig, pair.stamp)
         images, watch, path = prepare(pair), Stopwatch(), self.path
-        estimate, stereo, is_origin, predicted = None, None, False, path.pose
+        estimate, stereo, is_origin, predicted = None, None, False, None
         if self.map.keyframes:
             if len(path) - self.map.keyframes[-1].index >= _JOINED:
                 self._take_over()
@@ -206,7 +205,7 @@ class StereoOdometry:
             predicted = path.predict(images.stamp)
             estimate = self._locate(images, predicted)
             path.advance(predicted, estimate, estimate is None and self._locator.is_dark(images.left_image))
-        is_wanted, count = self._wants_keyframe(estimate, predicted), 0 if estimate is None else len(estimate)
+        is_wanted, count = self._wants_keyframe(images, estimate, predicted), 0 if estimate is None else len(estimate)
         if not is_wanted:
             self.foresight.note(count, self.mapper.expected, is_keyframe=False)
         link = self._link(images, estimate)
@@ -286,21 +285,22 @@ class StereoOdometry:
             covariance = covariance + self.path.doubt_since(against)
         return against, covariance
 
-    def _wants_keyframe(self, estimate: PoseEstimate | None, predicted: FloatArray) -> bool:
-        """Whether few landmarks are left, a lost camera is found, its motion changed a lot, or the map begins anew."""
-        if estimate is None:
+    def _wants_keyframe(
+        self, images: PreparedPair, estimate: PoseEstimate | None, predicted: FloatArray | None
+    ) -> bool:
+        """Whether few landmarks are left, or fewer and far from where they were expected, or the map begins anew."""
+        if estimate is None or predicted is None:
             return not self.map.keyframes or self.is_beginning or self.path.unplaced >= self.tracking.patience
-        least = self.tracking.keyframe_share * self.mapper.expected
-        is_at_hand = len(estimate) >= least and not self._is_out_of_reach(estimate, predicted)
-        return self.path.was_lost or self.is_beginning or not is_at_hand
+        count, expected, least = len(estimate), self.mapper.expected, self.tracking.keyframe_share
+        if self.path.was_lost or self.is_beginning or count < least * expected:
+            return True
+        is_some_fewer = count < (1 + least) / 2 * expected
+        return is_some_fewer and self.path.is_motion_known and self._is_out_of_reach(images, estimate, predicted)
 
-    def _is_out_of_reach(self, estimate: PoseEstimate, predicted: FloatArray) -> bool:
-        """Whether most landmarks are farther than patches reach from where a known motion led: the next may be too."""
-        if not self.path.is_motion_known:
-            return False
-        camera = (self.map.xyz[estimate.landmark] - predicted[:3, 3]) @ predicted[:3, :3]
-        off = np.linalg.norm(project(self.rig, camera) - estimate.uv, axis=1)
-        return bool(np.median(np.nan_to_num(off, nan=np.inf)) > self.tracking.pose.reach)
+    def _is_out_of_reach(self, images: PreparedPair, estimate: PoseEstimate, predicted: FloatArray) -> bool:
+        """Whether patches hardly reach most landmarks from where the motion led: the next frame's may be farther."""
+        reach = self.tracking.pose.reach(images.left_image.pyramid)
+        return distance_to_sights(self.map.rig, predicted, self.map.xyz, estimate) > reach
 
     def _take_over(self) -> None:
         """Take over the adjustment under way, if any, and what closes a loop, if it is time."""

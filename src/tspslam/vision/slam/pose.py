@@ -12,6 +12,7 @@ from ..._brief import Brief
 from ..._checks import is_rigid, told
 from ...errors import GeometryError, InputError
 from ...types import Cloud, FloatArray, Rig
+from ..rig import project
 from ..se3 import inverse
 from ..stereo.reconstruct import Stereo
 from .least_squares.bundle import NO_SOLUTION, SEARCH, lens_of
@@ -303,6 +304,57 @@ def fit_robustly(
     covariance: FloatArray = np.linalg.inv(found.information + _NOTHING).astype(np.float64)
     rows = estimate.landmark[left], estimate.uv[left], estimate.disparity[left]
     return PoseEstimate(found.T_world_camera, *rows, covariance, estimate.in_view, estimate.found)
+
+
+def expected_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray) -> FloatArray:
+    """Find where a camera should see points, and at which disparities.
+
+    Parameters
+    ----------
+    rig : Rig
+        The cameras, with the offset of the disparities in their `doffs`.
+    T_world_camera : (4, 4) float64
+        The camera's pose.
+    xyz : (N, 3) float64
+        Points in the world, m.
+
+    Returns
+    -------
+    (N, 3) float64
+        (u, v, disparity), px; u and v are NaN behind the camera.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> expected_sights(rig, np.eye(4), np.array([[0.0, 0.2, 2.0]])).tolist()
+    [[320.0, 290.0, 25.0]]
+    """
+    camera = (xyz - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.column_stack([project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs])
+
+
+def distance_to_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, estimate: PoseEstimate) -> float:
+    """Find how far from where a camera should see landmarks they were seen, in the median.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    T_world_camera : (4, 4) float64
+        The camera's pose.
+    xyz : (M, 3) float64
+        All landmarks, m.
+    estimate : PoseEstimate
+        Where which of them were seen.
+
+    Returns
+    -------
+    float
+        px; infinite where most are behind that camera.
+    """
+    expected = expected_sights(rig, T_world_camera, xyz[estimate.landmark])[:, :2]
+    return float(np.median(np.nan_to_num(np.linalg.norm(expected - estimate.uv, axis=1), nan=np.inf)))
 
 
 def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:

@@ -117,10 +117,20 @@ class TrackingSettings(Checked, what="tracking.pose"):
         """What a patch is."""
         return Patch(self.patch_radius, self.patch_contrast, self.patch_reach, self.min_correlation)
 
-    @property
-    def reach(self) -> float:
-        """Farthest from where it is expected that a landmark is found by its patch, px."""
-        return self.patch_reach * 2**_COARSEST
+    def reach(self, image: Pyramid) -> float:
+        """Tell how far from where it is expected a landmark is found at the coarsest level that is looked at.
+
+        Parameters
+        ----------
+        image : Pyramid
+            The image; a small one has fewer levels.
+
+        Returns
+        -------
+        float
+            px of the full size.
+        """
+        return self.patch_reach * 2 ** min(_COARSEST, len(image.levels) - 1)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ....types import BoolArray, FloatArray, Rig
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..least_squares.bundle import Adjustment, Observations, adjust
+from .new_landmarks import follow_keyframes
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,8 +77,8 @@ class AdjustmentProblem(Brief):
             rig, T, self.xyz, self.seen, fixed=self.fixed, max_steps=max_steps, offset=offset, offset_sigma=offset_sigma
         )
 
-    def apply(self, map_: Map, found: Adjustment, outlier: float) -> None:
-        """Take over poses and landmarks, and drop outliers.
+    def apply(self, map_: Map, found: Adjustment) -> None:
+        """Take over poses and landmarks, and drop outliers; what one keyframe alone saw goes with it.
 
         Parameters
         ----------
@@ -85,11 +86,11 @@ class AdjustmentProblem(Brief):
             Changed; its landmarks may have moved to other rows since.
         found : Adjustment
             What `solve` gave.
-        outlier : float
-            Standard deviations beyond which an observation goes.
         """
-        rows = np.searchsorted(map_.landmark_id, self.landmark_id)
-        map_.apply(rows, found, self.inliers(found, outlier))
+        rows, settings = np.searchsorted(map_.landmark_id, self.landmark_id), map_.settings
+        before = list(map_.keyframes)
+        map_.apply(rows, found, self.inliers(found, settings.outlier))
+        follow_keyframes(map_, rows, before, settings.left_behind * float(self.seen.sigma_uv[0]))
 
     def inliers(self, found: Adjustment, outlier: float) -> dict[int, tuple[int | None, BoolArray]]:
         """Tell which observations stay, of each keyframe that moves or loses some.

@@ -29,8 +29,6 @@ class AdjustmentJob(Brief):
         Its standard deviation before anything is seen, px; None where it stays.
     max_steps : int
         Steps at most.
-    outlier : float
-        Standard deviations beyond which an observation goes.
     """
 
     problem: AdjustmentProblem
@@ -38,7 +36,6 @@ class AdjustmentJob(Brief):
     offset: float
     offset_sigma: float | None
     max_steps: int
-    outlier: float
 
     def solve(self) -> Adjustment | None:
         """Adjust; may be called in another thread.
@@ -54,7 +51,7 @@ class AdjustmentJob(Brief):
             return None
 
     def apply(self, map_: Map, found: Adjustment) -> None:
-        """Take over poses and landmarks, and drop outliers.
+        """Take over poses and landmarks, and drop outliers; what one keyframe alone saw goes with it.
 
         Parameters
         ----------
@@ -63,7 +60,7 @@ class AdjustmentJob(Brief):
         found : Adjustment
             What `solve` gave.
         """
-        self.problem.apply(map_, found, self.outlier)
+        self.problem.apply(map_, found)
         map_.unsettled.difference_update(self.problem.moving)
 
 
@@ -95,5 +92,4 @@ def collect_job(
     problem = collect_problem(map_, [*piece, *window_of(map_)], sigma_uv)
     if problem is None:
         return None
-    settings = map_.settings
-    return AdjustmentJob(problem, rig, offset, None if piece else offset_sigma, settings.max_steps, settings.outlier)
+    return AdjustmentJob(problem, rig, offset, None if piece else offset_sigma, map_.settings.max_steps)

@@ -62,5 +62,5 @@ def _adjust_piece(
         found = problem.solve(rig, offset, None, map_.settings.max_steps)
     except GeometryError:
         return None
-    problem.apply(map_, found, map_.settings.outlier)
+    problem.apply(map_, found)
     return found.cost_before, found.cost

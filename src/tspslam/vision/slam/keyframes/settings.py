@@ -43,6 +43,9 @@ class MapSettings(Checked, what="tracking.map"):
         Steps of an adjustment.
     outlier : float
         Standard deviations beyond which an observation is dropped after an adjustment.
+    left_behind : float
+        How far from where the one keyframe that saw it has it a landmark may stay where that keyframe is adjusted,
+        standard deviations of a tracked point; farther ones go with it.
 
     Raises
     ------
@@ -70,3 +73,6 @@ class MapSettings(Checked, what="tracking.map"):
     max_keyframes: int = setting(500, 2, 5000, unit="keyframes", source="72 MB of equations; half, twice: same paths")
     max_steps: int = setting(8, 1, 100, unit="steps", source="by hand; KITTI 05 4: 38, 16: 38 mm (38)")
     outlier: float = setting(5.0, 1, 100, unit="sigmas", source="by hand; KITTI 05 2.5: 42, 10: 40 mm (38)")
+    left_behind: float = setting(
+        6.0, 0, 1e6, unit="sigmas", source="the next frame would drop it (first_gate); KITTI 05 0: 37, 3.3: 41 mm (38)"
+    )

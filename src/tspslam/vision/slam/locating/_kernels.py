@@ -64,7 +64,7 @@ def weigh_sights(
 
 
 @kernel
-def sum_cells(cell: Int64, residual: Float64, slope: Float64, grid: Float64) -> None:
+def sum_cells(cell: Int64, residuals: Float64, slope: Float64, grid: Float64) -> None:
     """Add to `grid` (cells, 3, 9) residuals, their squares, how many are measured, and slopes of the points in each."""
     for m in range(cell.shape[0]):
         own = grid[cell[m]]
@@ -73,8 +73,8 @@ def sum_cells(cell: Int64, residual: Float64, slope: Float64, grid: Float64) -> 
             for k in range(6):
                 own[i, 3 + k] += slope[m, i, k]
                 is_measured = is_measured or slope[m, i, k] != 0
-            own[i, 0] += residual[m, i]
-            own[i, 1] += residual[m, i] ** 2
+            own[i, 0] += residuals[m, i]
+            own[i, 1] += residuals[m, i] ** 2
             own[i, 2] += is_measured
 
 

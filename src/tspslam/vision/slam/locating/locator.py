@@ -16,7 +16,7 @@ from ...rig import project
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..places.loop_closing import PlaceRecognition
-from ..pose import PoseEstimate, fit_robustly, solve_pnp
+from ..pose import PoseEstimate, expected_sights, fit_robustly, solve_pnp
 from ..tracking import Reference, TrackingSettings, track_closely, track_pose
 from .choosing import are_close, choose_pose, choose_widest, is_clear, with_rival, with_unknown
 from .uncertainty import Sources, pose_covariance, rival_spread
@@ -249,17 +249,21 @@ class Locator:
         for T, share in zip(ahead, _AHEAD, strict=True):
             T[:3, 3] += share * far * guess[:3, 2]
         places = [*(one.T_world_camera for one in found), *ahead]
-
-        def search(track: Callable[..., PoseEstimate | None], guesses: Sequence[FloatArray]) -> list[PoseEstimate]:
-            tried = (track(map_.rig, image.pyramid, rest, map_.xyz, T, self.settings) for T in guesses)
-            return sorted((one for one in tried if one is not None), key=len)
-
         for track in (track_pose, track_closely):  # the second where the coarse levels see too little of what is left
-            most = search(track, places)[-_ONCE_MORE:]
+            most = self._search(track, image, rest, places)[-_ONCE_MORE:]
             if most:
-                again = search(track, [one.T_world_camera for one in most])
+                again = self._search(track, image, rest, [one.T_world_camera for one in most])
                 return self._widened(image, max(most + again, key=len), rest)
         return None
+
+    def _search(
+        self, track: Callable[..., PoseEstimate | None], image: PreparedImage, references: list[Reference],
+        guesses: Sequence[FloatArray],
+    ) -> list[PoseEstimate]:  # fmt: skip
+        """Poses tracked from some guesses, those with most landmarks last."""
+        map_ = self.map_
+        tried = (track(map_.rig, image.pyramid, references, map_.xyz, T, self.settings) for T in guesses)
+        return sorted((one for one in tried if one is not None), key=len)
 
     def _widened(self, image: PreparedImage, near: PoseEstimate, rest: list[Reference]) -> PoseEstimate | None:
         """A pose of landmarks around the largest motion, with all that agree; without those where they are too few."""
@@ -354,9 +358,7 @@ def covariance_against_keyframe(
 def _pull(map_: Map, frame: Keyframe, landmark: NDArray[np.int64]) -> FloatArray:
     """How far from where its pose has them a keyframe saw landmarks, (K, 3) px; 0 where it did not."""
     pull, (rows, own) = np.zeros((len(landmark), 3)), _match(landmark, frame.landmark)
-    rig, T = map_.rig, frame.T_world_camera
-    camera = (map_.xyz[landmark[rows]] - T[:3, 3]) @ T[:3, :3]
-    expected = np.column_stack([project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs])
+    expected = expected_sights(map_.rig, frame.T_world_camera, map_.xyz[landmark[rows]])
     pull[rows] = np.nan_to_num(np.column_stack([frame.uv[own], frame.disparity[own]]) - expected)
     return pull
 

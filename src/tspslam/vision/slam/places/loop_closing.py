@@ -18,7 +18,7 @@ from ...se3 import inverse
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..keyframes.sightings import match_sights
-from ..pose import PoseEstimate, solve_pnp
+from ..pose import PoseEstimate, distance_to_sights, solve_pnp
 from ..tracking import Reference, TrackingSettings, refine_pose, track_pose
 from .map_index import MapIndex
 from .same_motion import is_same_motion
@@ -143,13 +143,13 @@ class PlaceRecognition:
         for place, slack in near:
             found = self._find_again(image, estimate, tracked, place, keypoints, is_near=True)
             if found is not None and self._is_believed(found, estimate, place, slack):
-                return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
+                return LoopClosure(place, found, self._drift(found, estimate))
         if keypoints is None:
             return None
         for place, slack in self.places_alike(estimate, tracked, descriptors, [place for place, _ in near]):
             found = self._find_again(image, estimate, tracked, place, keypoints, is_near=False)
             if found is not None and self._is_believed(found, estimate, place, slack):
-                return LoopClosure(place, found, self._drift(found, estimate.T_world_camera))
+                return LoopClosure(place, found, self._drift(found, estimate))
         return None
 
     def held_share(self, landmark: NDArray[np.int64]) -> float:
@@ -408,12 +408,9 @@ class PlaceRecognition:
                 left[frame.landmark] = False
         return found
 
-    def _drift(self, found: PoseEstimate, T: FloatArray) -> float:
-        """How far a camera at T would see landmarks from where they are, median, px."""
-        map_ = self.map_
-        with np.errstate(divide="ignore", invalid="ignore"):
-            expected = project(map_.rig, (map_.xyz[found.landmark] - T[:3, 3]) @ T[:3, :3])
-        return float(np.median(np.nan_to_num(np.linalg.norm(expected - found.uv, axis=1), nan=np.inf)))
+    def _drift(self, found: PoseEstimate, estimate: PoseEstimate) -> float:
+        """How far off a camera's pose has the landmarks of another estimate, median, px."""
+        return distance_to_sights(self.map_.rig, estimate.T_world_camera, self.map_.xyz, found)
 
     def _most_similar(self, descriptors: Descriptors, most: int | None) -> list[int]:
         """Keyframes with an image, before the last ones, that share most words with what a lost camera shows."""
