@@ -245,6 +245,6 @@ def test_landmarks_that_move_to_other_rows_meanwhile_are_found_by_their_numbers(
         columns = {name: getattr(frame, name)[kept] for name in ("uv", "disparity", "sigma")}
         same.keyframes[k] = replace(frame, landmark=frame.landmark[kept] - shift, **columns)
     same.note_sightings()
-    problem.apply(same, found, 5.0)
+    problem.apply(same, found)
     assert np.array_equal(same.xyz, world.xyz[shift:])
     assert np.array_equal(poses(same), poses(world))
