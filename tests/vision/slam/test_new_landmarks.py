@@ -90,10 +90,8 @@ def test_landmarks_that_were_adjusted_or_that_another_keyframe_saw_stay(world):
 @pytest.mark.parametrize("most", [2, 500])
 def test_after_all_keyframes_are_adjusted_each_has_its_landmarks_where_it_saw_them(most):
     """Piece by piece or at once; the map was bent before, by 0.3 m at its end."""
-    odometry, T = (
-        StereoOdometry(RIG, detector=DETECTOR, tracking=Tracking(map=MapSettings(max_keyframes=most))),
-        np.eye(4),
-    )
+    tracking, T = Tracking(map=MapSettings(max_keyframes=most)), np.eye(4)
+    odometry = StereoOdometry(RIG, detector=DETECTOR, tracking=tracking)
     for pair in corridor(4.0):
         odometry.process(pair)
     odometry.path.pose = odometry.mapper.join(odometry.path.pose)

@@ -334,8 +334,40 @@ def expected_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray) -> Fl
         return np.column_stack([project(rig, camera), rig.fx * rig.baseline / camera[:, 2] - rig.doffs])
 
 
+def distances_to_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, uv: FloatArray) -> FloatArray:
+    """Find how far from where a camera should see points they were seen.
+
+    Parameters
+    ----------
+    rig : Rig
+        The camera.
+    T_world_camera : (4, 4) float64
+        The camera's pose.
+    xyz : (N, 3) float64
+        Points in the world, m.
+    uv : (N, 2) float64
+        Where they were seen, px.
+
+    Returns
+    -------
+    (N,) float64
+        px; NaN behind the camera.
+
+    Examples
+    --------
+    >>> rig = Rig(fx=500, fy=500, cx=320, cy=240, baseline=0.1, width=640, height=480)
+    >>> points, seen = np.array([[0.0, 0.2, 2.0], [0, 0, -1]]), np.array([[323.0, 294], [320, 240]])
+    >>> distances_to_sights(rig, np.eye(4), points, seen).tolist()
+    [5.0, nan]
+    """
+    camera = (xyz - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off: FloatArray = np.linalg.norm(project(rig, camera) - uv, axis=1)
+    return off
+
+
 def distance_to_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, estimate: PoseEstimate) -> float:
-    """Find how far from where a camera should see landmarks they were seen, in the median.
+    """Find how far from where a camera should see the landmarks of an estimate they were seen, in the median.
 
     Parameters
     ----------
@@ -353,8 +385,8 @@ def distance_to_sights(rig: Rig, T_world_camera: FloatArray, xyz: FloatArray, es
     float
         px; infinite where most are behind that camera.
     """
-    expected = expected_sights(rig, T_world_camera, xyz[estimate.landmark])[:, :2]
-    return float(np.median(np.nan_to_num(np.linalg.norm(expected - estimate.uv, axis=1), nan=np.inf)))
+    off = distances_to_sights(rig, T_world_camera, xyz[estimate.landmark], estimate.uv)
+    return float(np.median(np.nan_to_num(off, nan=np.inf)))
 
 
 def solve_pnp(rig: Rig, xyz: FloatArray, uv: FloatArray, *, max_error: float, min_matches: int) -> FloatArray | None:

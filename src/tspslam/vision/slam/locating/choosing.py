@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ....types import FloatArray, Rig
 from ...rig import project
-from ..pose import PoseEstimate, Rival
+from ..pose import PoseEstimate, Rival, distances_to_sights
 from ..tracking import TrackingSettings
 
 _APART = 3.0  # px: ten times the spread of a tracked point
@@ -252,10 +252,7 @@ def _support(rig: Rig, one: PoseEstimate, other: PoseEstimate, xyz: FloatArray) 
 
     Over the image, in places, and in depth, in its logarithm: a vehicle is flat beside the street around it.
     """
-    T = other.T_world_camera
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.linalg.norm(project(rig, (xyz[one.landmark] - T[:3, 3]) @ T[:3, :3]) - one.uv, axis=1)
-    is_own = ~(off <= _APART)
+    is_own = ~(distances_to_sights(rig, other.T_world_camera, xyz[one.landmark], one.uv) <= _APART)
     T, cells = one.T_world_camera, _places(rig, one.uv[is_own])
     if len(cells) < 3:
         return 0.0

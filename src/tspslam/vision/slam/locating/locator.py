@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ....types import BoolArray, Features, FloatArray, Rig
+from ....types import Features, FloatArray
 from ...features.binary import Descriptors, binary_descriptors, match_descriptors
 from ...features.detecting import detect_usable
 from ...images import PreparedImage
-from ...rig import project
 from ..keyframes.keyframe import Keyframe
 from ..keyframes.map import Map
 from ..places.loop_closing import PlaceRecognition
-from ..pose import PoseEstimate, expected_sights, fit_robustly, solve_pnp
+from ..pose import PoseEstimate, distances_to_sights, expected_sights, fit_robustly, solve_pnp
 from ..tracking import Reference, TrackingSettings, track_closely, track_pose
 from .choosing import are_close, choose_pose, choose_widest, is_clear, with_rival, with_unknown
 from .uncertainty import Sources, pose_covariance, rival_spread
@@ -229,7 +228,7 @@ class Locator:
             if estimate is not None:
                 yield estimate
                 T = estimate.T_world_camera
-            is_left = ~_agree(map_.rig, T, map_.xyz[rows], uv, loops.pnp_error)
+            is_left = ~(distances_to_sights(map_.rig, T, map_.xyz[rows], uv) <= loops.pnp_error)
             if is_left.all():  # patches led elsewhere
                 return
             rows, uv = rows[is_left], uv[is_left]
@@ -288,17 +287,10 @@ class Locator:
         T = solve_pnp(map_.rig, map_.xyz[rows], uv, max_error=most, min_matches=_LEAST_MATCHES)
         if T is None:
             return None
-        agree = _agree(map_.rig, T, map_.xyz[rows], uv, most)
+        agree = distances_to_sights(map_.rig, T, map_.xyz[rows], uv) <= most
         known = PoseEstimate(T, rows[agree], uv[agree], np.full(agree.sum(), np.nan), np.eye(6))
         fitted = fit_robustly(map_.rig, map_.xyz, known, (self.settings.rough_sigma_uv, 1.0), (_GATE,), _LEAST_MATCHES)
         return T if fitted is None else fitted.T_world_camera
-
-
-def _agree(rig: Rig, T: FloatArray, xyz: FloatArray, uv: FloatArray, most: float) -> BoolArray:
-    """Which points a camera at T sees within some pixels of their places."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off: FloatArray = np.linalg.norm(project(rig, (xyz - T[:3, 3]) @ T[:3, :3]) - uv, axis=1)
-    return off <= most
 
 
 def _around(reference: Reference, taken: NDArray[np.int64]) -> Reference:
